@@ -28,6 +28,6 @@ mod in_flight;
 mod rows;
 
 pub use ipc_types::run_config::QueryMode;
-pub use load::{LoadError, PolicyCheck, check, load, load_on, long_prompts};
-pub use policy::{ActionChunk, Policy, PolicyError};
+pub use load::{LoadError, check, load, load_on, long_prompts};
+pub use policy::{ActionChunk, Policy, PolicyCheck, PolicyError};
 pub use spec::{PolicySpec, PolicySpecError};

@@ -2,19 +2,21 @@
 
 use std::path::Path;
 
-use ipc_types::run_config::{DeviceChoice, Execution, QueryOptions};
+use ipc_types::run_config::{DeviceChoice, QueryOptions};
 use ipc_types::{ControlMode, Morphology};
 use thiserror::Error;
 
 use crate::QueryMode;
 use crate::act::{self, ActPolicy};
 use crate::checkpoint::CheckpointFolderError;
+#[cfg(feature = "gpu")]
+use crate::checkpoint::LoadGpuError;
 use crate::device::{DeviceError, DeviceRequest};
 use crate::ensemble::Ensemble;
 use crate::idle::IdlePolicy;
 use crate::nn::Precision;
 use crate::pi05::{self, Pi05Policy};
-use crate::policy::Policy;
+use crate::policy::{Policy, PolicyCheck};
 use crate::random::RandomPolicy;
 use crate::spec::{Pi05Source, PolicySpec};
 
@@ -81,15 +83,6 @@ pub fn load_on(
     })
 }
 
-/// Facts about a policy that are known before it is loaded.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct PolicyCheck {
-    /// Use of its chunks, if the policy has a checkpoint.
-    pub execution: Option<Execution>,
-    /// Sentences for the user about settings of the checkpoint.
-    pub notes: Vec<String>,
-}
-
 /// Checks that a policy can drive these robots in these control modes, without loading it. For a checkpoint,
 /// this reads the configuration and the header of the weights file, and resolves the use of its chunks.
 ///
@@ -146,21 +139,21 @@ fn load_pi05_on_gpu(
 }
 
 #[cfg(feature = "gpu")]
-fn open(device: DeviceRequest) -> Result<crate::nn::gpu::GpuDevice, act::LoadGpuError> {
+fn open(device: DeviceRequest) -> Result<crate::nn::gpu::GpuDevice, LoadGpuError> {
     let (kind, index) = device.adapter();
     Ok(crate::nn::gpu::GpuDevice::open_numbered(kind, index)?)
 }
 
 #[cfg(feature = "gpu")]
-impl From<act::LoadGpuError> for LoadError {
-    fn from(error: act::LoadGpuError) -> Self {
+impl From<LoadGpuError> for LoadError {
+    fn from(error: LoadGpuError) -> Self {
         use crate::nn::gpu::GpuError;
         match error {
-            act::LoadGpuError::Folder(error) => error.into(),
-            act::LoadGpuError::Device(error @ GpuError::Device { .. }) => {
+            LoadGpuError::Folder(error) => error.into(),
+            LoadGpuError::Device(error @ GpuError::Device { .. }) => {
                 DeviceError::Failed { reason: error.to_string() }.into()
             }
-            act::LoadGpuError::Device(error) => DeviceError::Unusable { reason: error.to_string() }.into(),
+            LoadGpuError::Device(error) => DeviceError::Unusable { reason: error.to_string() }.into(),
         }
     }
 }

@@ -1,8 +1,9 @@
-//! The [`Policy`] trait and the types in its signature. This module knows none of the implementors;
-//! [`crate::load()`] lists them.
+//! The [`Policy`] trait, the types in its signature, and what is known of a policy before it is loaded. This
+//! module knows none of the implementors; [`crate::load()`] lists them.
 
 use bytemuck::Zeroable;
 use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};
+use ipc_types::run_config::Execution;
 use ipc_types::{ActionBlock, EnvRecord, Morphology, ObservationView};
 use thiserror::Error;
 
@@ -98,6 +99,15 @@ pub trait PolicyPipeline {
     /// # Panics
     /// If no batch was submitted.
     fn discard(&mut self) -> Result<(), PolicyError>;
+}
+
+/// Facts about a policy that are known before it is loaded.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PolicyCheck {
+    /// Use of its chunks, if the policy has a checkpoint.
+    pub execution: Option<Execution>,
+    /// Sentences for the user about settings of the checkpoint.
+    pub notes: Vec<String>,
 }
 
 /// Errors that can occur while a policy acts on an observation.

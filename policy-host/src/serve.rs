@@ -5,6 +5,7 @@
 
 mod guard;
 mod pending;
+mod protocol;
 mod work_counter;
 
 use std::collections::VecDeque;
@@ -15,21 +16,18 @@ use std::time::{Duration, Instant};
 
 use bytemuck::Zeroable;
 use cpu_time::ProcessTime;
-use ipc_types::link::{Domain, HostLane, LaneSpec, LinkError, LinkNode, ObservationMessage};
-use ipc_types::run_config::Execution;
-use ipc_types::trace::{self, Activity, TraceSpan};
+use ipc_types::link::{HostLane, LinkError, LinkNode, ObservationMessage};
+use ipc_types::trace::{self, Activity};
 use ipc_types::{
-    ActionBlock, ActionHeader, Lifeline, Morphology, ObservationHeader, ObservationView, RunConfig,
-    SCHEMA_HASH,
+    ActionBlock, ActionHeader, Lifeline, Morphology, ObservationHeader, ObservationView, SCHEMA_HASH,
 };
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 pub use self::guard::CheckpointChangedError;
 use self::guard::CheckpointGuard;
 use self::pending::{PendingAnswer, QueryError};
+pub use self::protocol::{HostConfig, HostEvent};
 use self::work_counter::WorkCounter;
-use crate::PolicySpec;
 use crate::load::{LoadError, load_on};
 use crate::policy::{ActionChunk, Policy, PolicyError, PolicyPipeline};
 
@@ -43,66 +41,6 @@ const MAX_DEPTH: u32 = 2;
 const WAIT_TIMEOUT: Duration = Duration::from_millis(100);
 /// Time between two looks at a batch that a device computes and at the messages that wait meanwhile.
 const DEVICE_POLL_TIME: Duration = Duration::from_micros(50);
-
-/// Configuration of a host, passed by its parent at start.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct HostConfig {
-    /// Domain of the run's shared memory.
-    pub domain: Domain,
-    /// Random id of the run. Observations of another run are rejected.
-    pub run_id: u64,
-    /// Lane to serve.
-    pub lane: LaneSpec,
-    /// Policy to load.
-    pub spec: PolicySpec,
-    /// Hash of the checkpoint at the start of the run ([`crate::content`]), if the policy has one. The host
-    /// answers with no other content.
-    pub checkpoint: Option<String>,
-    /// Robots of the run's tasks.
-    pub morphologies: Vec<Morphology>,
-    /// Use of the policy's chunks.
-    pub execution: Execution,
-    /// Options of the run.
-    pub run: RunConfig,
-}
-
-/// Events that a host reports to its parent, one JSON object per line.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum HostEvent {
-    /// The policy is loaded and the lane is open.
-    Ready {
-        /// Time that loading the policy took, in ms.
-        load_ms: f64,
-    },
-    /// Something that the user should know.
-    Note {
-        /// A sentence.
-        message: String,
-    },
-    /// Cumulative work, sent at most ten times a second and once at the end.
-    Ledger {
-        /// Number of env queries answered.
-        queries: u64,
-        /// Number of observation messages answered.
-        batches: u64,
-        /// Core-seconds spent in the policy. With a device, those of the whole process while the
-        /// device has a batch.
-        busy_s: f64,
-        /// Core-seconds of the whole process since its first query.
-        cpu_s: f64,
-        /// Wall seconds in which the policy's device had a batch; 0 without one.
-        device_s: f64,
-        /// Floating-point operations of the answered queries ([`Policy::flop_per_query`]).
-        flop: u64,
-    },
-    /// Activities of the threads since the last such event, if they are traced.
-    Spans(Vec<TraceSpan>),
-    /// A message could not be answered. The host continues.
-    Failed {
-        /// Error with its causes.
-        message: String,
-    },
-}
 
 /// Errors that can stop a policy host.
 #[derive(Debug, Error)]

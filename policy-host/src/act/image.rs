@@ -1,12 +1,19 @@
-//! Image preprocessor: resizes camera images where needed, rounds them to bytes, scales, normalises and pads
-//! them.
+//! Camera images and their preprocessor, which resizes them where needed, rounds them to bytes, scales,
+//! normalises and pads them.
 
 use std::ops::Range;
+
+use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
 
 use super::architecture::ImageSize;
 use super::normalise::ShiftScale;
 use crate::nn::feature_map::FeatureMapShape;
 
+/// Image sizes that occur in an observation.
+pub const IMAGE_SIZES: [ImageSize; 2] = [
+    ImageSize { height: EXTERNAL_SIDE, width: EXTERNAL_SIDE },
+    ImageSize { height: HAND_SIDE, width: HAND_SIDE },
+];
 /// Padding of the first convolution, in pixels.
 const STEM_PADDING: usize = 3;
 

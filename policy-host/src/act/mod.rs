@@ -21,5 +21,6 @@ mod team;
 mod transformer;
 
 #[cfg(feature = "gpu")]
-pub use gpu::{GpuActPolicy, LoadGpuError};
-pub use policy::{ActPolicy, IMAGE_SIZES, check};
+pub use gpu::GpuActPolicy;
+pub use image::IMAGE_SIZES;
+pub use policy::{ActPolicy, check};

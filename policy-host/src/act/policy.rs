@@ -8,30 +8,22 @@
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
 use ipc_types::run_config::QueryOptions;
 use ipc_types::trace::{self, Activity};
 use ipc_types::{ControlMode, Morphology, ObservationView};
 use rayon::prelude::*;
 
 use super::architecture::ImageSize;
-use super::image::Image;
+use super::image::{IMAGE_SIZES, Image};
 use super::instruction::TokenCache;
 use super::model::{ActInput, ActModel, ActScratch};
 use super::stored::{StoredNetwork, folders, load_networks};
 use crate::checkpoint::{
     Checkpoint, CheckpointFolderError, NetworkCheck, ObservationMapping, check_networks,
 };
-use crate::load::PolicyCheck;
 use crate::nn::Precision;
-use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError};
+use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyCheck, PolicyError};
 use crate::text::TextEncoder;
-
-/// Image sizes that occur in an observation.
-pub const IMAGE_SIZES: [ImageSize; 2] = [
-    ImageSize { height: EXTERNAL_SIDE, width: EXTERNAL_SIDE },
-    ImageSize { height: HAND_SIDE, width: HAND_SIDE },
-];
 
 /// Maximum number of samples whose images one thread takes through the backbone together. Each kernel is then
 /// read once for all of them.

@@ -7,8 +7,11 @@ use ipc_types::layout::{MAX_ACTION_DIM, MAX_STATE_DIM};
 use ipc_types::{ControlMode, Morphology};
 use serde::{Deserialize, Serialize};
 
-use super::mapping::MAPPING_FILE;
-use super::{CheckpointError, Description, ObservationMapping, TensorNames, parse};
+use super::description::{Description, TensorNames};
+use super::error::CheckpointError;
+use super::files::MAPPING_FILE;
+use super::mapping::ObservationMapping;
+use super::settings::parse;
 use crate::act::architecture::{Architecture, ImageSize, InstructionInput, ResNet, TokenProjection};
 use crate::act::normalise::{Normalisation, ShiftScale};
 use crate::execution::ChunkSettings;
@@ -45,7 +48,7 @@ pub struct ActConfig {
     #[serde(deserialize_with = "Option::deserialize")]
     pub morphology: Option<Morphology>,
     /// Control mode of its actions, under ManiSkill's name.
-    #[serde(with = "control_mode_name")]
+    #[serde(with = "super::control_mode")]
     pub control_mode: ControlMode,
     /// Dimension of the state vector.
     pub state_dim: usize,
@@ -255,31 +258,4 @@ pub(crate) fn describe(
         language: config.language,
         notes: Vec::new(),
     })
-}
-
-/// Deserializes an optional control mode from ManiSkill's name.
-pub(crate) fn optional_control_mode<'de, D: serde::Deserializer<'de>>(
-    deserializer: D,
-) -> Result<Option<ControlMode>, D::Error> {
-    control_mode_name::deserialize(deserializer).map(Some)
-}
-
-/// Serde adapter for control modes under ManiSkill's names.
-mod control_mode_name {
-    use ipc_types::ControlMode;
-    use serde::de::Error;
-    use serde::{Deserialize, Deserializer, Serializer};
-
-    #[expect(clippy::trivially_copy_pass_by_ref, reason = "signature required by serde")]
-    pub(crate) fn serialize<S: Serializer>(mode: &ControlMode, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(mode.name())
-    }
-
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ControlMode, D::Error> {
-        let name = String::deserialize(deserializer)?;
-        ControlMode::ALL.into_iter().find(|mode| mode.name() == name).ok_or_else(|| {
-            let known = ControlMode::ALL.map(ControlMode::name).join(", ");
-            D::Error::custom(format!("unknown control_mode `{name}`, expected one of {known}"))
-        })
-    }
 }

@@ -7,9 +7,9 @@ use ipc_types::run_config::{Execution, QueryOptions};
 use ipc_types::{ControlMode, Morphology};
 use thiserror::Error;
 
-use super::CheckpointError;
+use super::error::CheckpointError;
 use crate::execution::{ChunkSettings, TooManyRowsError};
-use crate::load::PolicyCheck;
+use crate::policy::PolicyCheck;
 use crate::weights::{CONFIG_FILE, INDEX_FILE, MODEL_FILE};
 
 /// Folder that LeRobot writes into a checkpoint of a training run.

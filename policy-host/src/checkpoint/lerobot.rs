@@ -5,13 +5,14 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use serde::Deserialize;
-
-use super::mapping::{FeatureKind, InputFeature, Sidecar, map_features, refuse_if, rename};
-use super::processor::{Modes, NormalisationMode, PREPROCESSOR, Processors};
+use super::description::{Description, TensorNames};
+use super::error::CheckpointError;
+use super::feature::{FeatureKind, FeatureShape, InputFeature, rename};
+use super::files::PREPROCESSOR;
+use super::mapping::{Sidecar, map_features, refuse_if};
+use super::processor::Processors;
 use super::settings::Settings;
-use super::statistics::{ACTION, Normaliser};
-use super::{CheckpointError, Description, TensorNames};
+use super::statistics::{ACTION, Modes, NormalisationMode, Normaliser};
 use crate::act::architecture::{Architecture, ImageSize, InstructionInput, ResNet, TokenProjection};
 use crate::act::normalise::Normalisation;
 use crate::execution::ChunkSettings;
@@ -76,14 +77,6 @@ struct LeRobotConfig {
     dim_feedforward: usize,
     n_encoder_layers: usize,
     n_decoder_layers: usize,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct FeatureShape {
-    #[serde(rename = "type")]
-    pub(crate) kind: FeatureKind,
-    pub(crate) shape: Vec<usize>,
 }
 
 impl LeRobotConfig {
@@ -209,6 +202,7 @@ pub(crate) fn describe(
     if let Some(&[width, ..]) = tensors.shape("model.backbone.conv1.weight") {
         architecture.backbone.width = width;
     }
+    let processors = processors.map(|Processors { inputs, outputs, .. }| [inputs, outputs]);
     let [mut before, after] = Normaliser::of_act(folder, processors, &config.modes, tensors)?;
     let kinds: Vec<_> = inputs.iter().map(|input| input.kind).collect();
     before.note_differences(&config.modes, &kinds, &mut notes);

@@ -33,13 +33,13 @@ use std::path::Path;
 use ipc_types::{ControlMode, Morphology, input};
 use serde::Deserialize;
 
-use super::settings::IgnoreList;
-use super::{CheckpointError, parse};
+use super::error::CheckpointError;
+use super::feature::{FeatureKind, InputFeature};
+pub use super::files::MAPPING_FILE;
+use super::settings::{IgnoreList, parse};
 use crate::pi05::prompt::PromptState;
 use crate::text::LanguageConfig;
 
-/// File name of the mapping in a checkpoint folder.
-pub const MAPPING_FILE: &str = "hypogeum.json";
 /// Name of the instruction embedding in a mapping.
 const LANGUAGE: &str = "language";
 /// Source of a π0.5 camera that the robot does not have.
@@ -63,7 +63,7 @@ pub struct ObservationMapping {
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct Sidecar {
     pub(crate) morphology: Option<Morphology>,
-    #[serde(deserialize_with = "super::colosseum::optional_control_mode")]
+    #[serde(deserialize_with = "super::control_mode::deserialize_optional")]
     pub(crate) control_mode: Option<ControlMode>,
     pub(crate) mapping: BTreeMap<String, FeatureSource>,
     pub(crate) language: Option<LanguageConfig>,
@@ -88,68 +88,6 @@ fn ignore_list<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Igno
 pub(crate) enum FeatureSource {
     One(String),
     Parts(Vec<String>),
-}
-
-/// An input feature of a checkpoint.
-#[derive(Debug)]
-pub(crate) struct InputFeature {
-    pub(crate) name: String,
-    pub(crate) shape: Vec<usize>,
-    pub(crate) kind: FeatureKind,
-    /// Name of the environment's feature that the preprocessor renames to it; its own name without one.
-    source: String,
-}
-
-impl InputFeature {
-    pub(crate) fn new(name: String, shape: Vec<usize>, kind: FeatureKind) -> Self {
-        Self { source: name.clone(), name, shape, kind }
-    }
-
-    /// Returns `false` for a camera whose images are not square.
-    pub(crate) fn is_square(&self) -> bool {
-        self.kind != FeatureKind::Visual || !matches!(self.shape[..], [_, height, width] if height != width)
-    }
-}
-
-/// Applies the names of a preprocessor, new ones by old ones, to the inputs.
-///
-/// # Errors
-/// If an input has several sources, or none because its own name is given to another.
-pub(crate) fn rename(
-    inputs: &mut [InputFeature],
-    renames: &BTreeMap<String, String>,
-    path: &Path,
-) -> Result<(), CheckpointError> {
-    for input in inputs {
-        let sources: Vec<&String> =
-            renames.iter().filter(|(_, new)| **new == input.name).map(|(old, _)| old).collect();
-        let found = match (&sources[..], renames.get(&input.name)) {
-            ([source], _) => {
-                input.source = (*source).clone();
-                continue;
-            }
-            ([], None) => continue,
-            ([], Some(new)) => format!("`{}` is renamed to `{new}` and nothing to it", input.name),
-            (several, _) => format!("{} names for `{}`", several.len(), input.name),
-        };
-        return Err(CheckpointError::Value {
-            path: path.to_owned(),
-            key: "rename_map".to_owned(),
-            found,
-            expected: "one source of every input".to_owned(),
-        });
-    }
-    Ok(())
-}
-
-/// Kind of a feature, under LeRobot's names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
-#[serde(rename_all = "UPPERCASE")]
-pub(crate) enum FeatureKind {
-    Visual,
-    State,
-    Env,
-    Action,
 }
 
 impl Sidecar {

@@ -10,7 +10,14 @@ pub mod lerobot;
 pub mod mapping;
 pub mod pi05;
 
+mod control_mode;
+mod description;
+mod error;
+mod feature;
+mod files;
 mod folder;
+#[cfg(feature = "gpu")]
+mod gpu_error;
 mod processor;
 mod settings;
 mod statistics;
@@ -18,66 +25,21 @@ mod statistics;
 use std::path::{Path, PathBuf};
 
 use ipc_types::input;
-use serde::Deserialize;
-use thiserror::Error;
 
+use self::description::Description;
+pub use self::error::CheckpointError;
 pub use self::folder::{CheckpointFolderError, resolve};
 pub(crate) use self::folder::{NetworkCheck, check_networks, checkpoint_folders};
-use self::mapping::MAPPING_FILE;
+#[cfg(feature = "gpu")]
+pub use self::gpu_error::LoadGpuError;
 pub use self::mapping::ObservationMapping;
 use self::settings::Settings;
 use crate::act::architecture::{Architecture, InvalidHyperparameter};
 use crate::act::normalise::Normalisation;
 use crate::act::tensors::tensor_specs;
 use crate::execution::ChunkSettings;
-use crate::pi05::prompt::TokenizerError;
-use crate::text::{EncoderError, LanguageConfig, TextEncoder};
-use crate::weights::{CONFIG_FILE, MODEL_FILE, StateDict, TensorFile, WeightsError};
-
-/// Errors that can occur while opening or reading a checkpoint folder.
-#[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the messages describe the fields")]
-pub enum CheckpointError {
-    #[error("failed to read {}", path.display())]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{} is not a valid configuration", path.display())]
-    Json { path: PathBuf, source: serde_json::Error },
-    #[error("{}: `type` is `{found}`, expected {expected}: {hint}", path.display())]
-    Format { path: PathBuf, found: String, expected: &'static str, hint: &'static str },
-    #[error(
-        "{}: unknown setting `{setting}` ({found}), which may change actions: serve the checkpoint with \
-         `python -m hypogeum.lerobot`, whose LeRobot may know it, or list it under `ignore` in {MAPPING_FILE} beside it",
-        path.display()
-    )]
-    UnknownSetting { path: PathBuf, setting: String, found: String },
-    #[error(
-        "{}: statistics of `{feature}` are missing, which {mode} normalisation needs ({needed}); found {found}. If the \
-         network was trained without, set its mode to IDENTITY",
-        path.display()
-    )]
-    Statistics { path: PathBuf, feature: String, mode: &'static str, needed: String, found: String },
-    #[error("{}: `{key}` is {found}, expected {expected}", path.display())]
-    Value { path: PathBuf, key: String, found: String, expected: String },
-    #[error("{}: {reason}", path.display())]
-    Mapping { path: PathBuf, reason: String },
-    #[error("{}: tensor `{tensor}` ({found}) is not part of the network in {CONFIG_FILE}", path.display())]
-    UnexpectedTensor { path: PathBuf, tensor: String, found: String },
-    #[error("{}: tensor `{tensor}` contains values that are not finite; has its training diverged?", path.display())]
-    NotFinite { path: PathBuf, tensor: String },
-    #[error("{}: tensor `{tensor}` contains {found}, expected variances of 0 or more", path.display())]
-    NegativeVariance { path: PathBuf, tensor: String, found: f32 },
-    #[error(
-        "the weights in {} take {needed_mib} MiB of memory, only {available_mib} MiB are available",
-        path.display()
-    )]
-    Memory { path: PathBuf, needed_mib: u64, available_mib: u64 },
-    #[error(transparent)]
-    Weights(#[from] WeightsError),
-    #[error(transparent)]
-    Encoder(#[from] EncoderError),
-    #[error(transparent)]
-    Tokenizer(#[from] TokenizerError),
-}
+use crate::text::TextEncoder;
+use crate::weights::{CONFIG_FILE, MODEL_FILE, StateDict, TensorFile};
 
 /// A checkpoint whose configuration and weights header have been checked against each other.
 #[derive(Debug)]
@@ -87,44 +49,8 @@ pub struct Checkpoint {
     tensors: TensorFile,
 }
 
-/// Contents of a folder's configuration, independent of its format.
-#[derive(Debug)]
-pub(crate) struct Description {
-    architecture: Architecture,
-    normalisation: Normalisation,
-    names: TensorNames,
-    /// Mapping from the robot's observation to the network's input, or the reason why there is none.
-    mapping: Result<ObservationMapping, String>,
-    language: Option<LanguageConfig>,
-    /// Use of its chunks.
-    chunk: ChunkSettings,
-    /// Sentences for the user about its settings.
-    notes: Vec<String>,
-}
-
-/// Tensor naming of a checkpoint format, relative to the benchmark's names.
-#[derive(Debug)]
-struct TensorNames {
-    /// Pairs of the benchmark's prefix and the stored prefix. The first match applies.
-    prefixes: &'static [(&'static str, &'static str)],
-    /// Prefixes of stored names that inference does not need.
-    unused: Vec<String>,
-}
-
 /// Suffix of the batch counters of PyTorch's BatchNorm, which are accepted with any dtype and ignored.
 const IGNORED_SUFFIX: &str = ".num_batches_tracked";
-
-impl CheckpointError {
-    /// Returns the error that a configuration has another type, with what to do about it.
-    fn format(path: PathBuf, found: &str, expected: &'static str) -> Self {
-        let hint = match found {
-            "act" | "act_colosseum" => "evaluate it with act:PATH",
-            "pi05" => "evaluate it with pi05:PATH",
-            _ => "serve it with `python -m hypogeum.lerobot NAME PATH` and evaluate attach:NAME",
-        };
-        Self::Format { path, found: found.to_owned(), expected, hint }
-    }
-}
 
 impl Checkpoint {
     /// Reads the configuration in `folder` and the header of its weights file, and checks one against the
@@ -262,19 +188,4 @@ impl Checkpoint {
             Err(CheckpointError::UnexpectedTensor { path, tensor, found })
         })
     }
-}
-
-impl TensorNames {
-    /// Returns the name under which the file stores a tensor.
-    fn stored(&self, name: &str) -> String {
-        let renamed = self
-            .prefixes
-            .iter()
-            .find_map(|(from, to)| name.strip_prefix(from).map(|rest| format!("{to}{rest}")));
-        renamed.unwrap_or_else(|| name.to_owned())
-    }
-}
-
-fn parse<'a, T: Deserialize<'a>>(path: &Path, text: &'a [u8]) -> Result<T, CheckpointError> {
-    serde_json::from_slice(text).map_err(|source| CheckpointError::Json { path: path.to_owned(), source })
 }

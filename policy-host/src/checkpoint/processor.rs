@@ -5,41 +5,19 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
-
-use super::CheckpointError;
-use super::lerobot::FeatureShape;
-use super::mapping::FeatureKind;
+use super::error::CheckpointError;
+use super::feature::FeatureShape;
+use super::files::{POSTPROCESSOR, PREPROCESSOR};
 use super::settings::{IgnoreList, Settings};
-use super::statistics::{Normaliser, StatisticsFile};
+use super::statistics::{DEFAULT_EPSILON, Modes, Normaliser, StatisticsFile};
 use crate::weights::TensorFile;
 
-/// File name of the preprocessor, written since LeRobot 0.4.
-pub(crate) const PREPROCESSOR: &str = "policy_preprocessor.json";
-/// File name of the postprocessor, written since LeRobot 0.4.
-pub(crate) const POSTPROCESSOR: &str = "policy_postprocessor.json";
-/// Default of LeRobot's `eps`, which it adds to a standard deviation and substitutes for a zero range.
-pub(crate) const DEFAULT_EPSILON: f32 = 1e-8;
 /// Data types to which a processor may cast, because tensors have them here.
 const FLOAT_TYPES: [&str; 2] = ["float32", "float"];
 /// LeRobot's kinds of features.
 const KINDS: [&str; 6] = ["STATE", "VISUAL", "ENV", "ACTION", "REWARD", "LANGUAGE"];
 /// Key under which LeRobot's pipelines pass the instruction.
 const TASK: &str = "task";
-
-/// Normalisation of one kind of feature, under LeRobot's names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
-pub(crate) enum NormalisationMode {
-    Identity,
-    MeanStd,
-    MinMax,
-    Quantiles,
-    Quantile10,
-}
-
-/// Normalisation by kind of feature.
-pub(crate) type Modes = BTreeMap<String, NormalisationMode>;
 
 /// A kind of step, by its registered name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -364,28 +342,5 @@ fn expect_task(config: &mut Settings) -> Result<(), CheckpointError> {
             format!("`{TASK}`, the episode's instruction"),
         )),
         _ => Ok(()),
-    }
-}
-
-/// Returns LeRobot's name of a kind of feature.
-pub(crate) fn kind_name(kind: FeatureKind) -> &'static str {
-    match kind {
-        FeatureKind::Visual => "VISUAL",
-        FeatureKind::State => "STATE",
-        FeatureKind::Env => "ENV",
-        FeatureKind::Action => "ACTION",
-    }
-}
-
-impl NormalisationMode {
-    /// Returns LeRobot's name.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Identity => "IDENTITY",
-            Self::MeanStd => "MEAN_STD",
-            Self::MinMax => "MIN_MAX",
-            Self::Quantiles => "QUANTILES",
-            Self::Quantile10 => "QUANTILE10",
-        }
     }
 }

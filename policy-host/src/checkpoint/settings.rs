@@ -13,8 +13,8 @@ use serde::de::{DeserializeOwned, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 
-use super::mapping::MAPPING_FILE;
-use super::{CheckpointError, parse};
+use super::error::CheckpointError;
+use super::files::MAPPING_FILE;
 
 /// Longest text of a value in an error.
 const MAX_SHOWN: usize = 60;
@@ -233,6 +233,11 @@ impl Flag {
             Self::Number(number) => number != 0,
         }
     }
+}
+
+/// Parses the JSON in the file at `path`, which contains `text`, as a type that knows all of its keys.
+pub(crate) fn parse<'a, T: Deserialize<'a>>(path: &Path, text: &'a [u8]) -> Result<T, CheckpointError> {
+    serde_json::from_slice(text).map_err(|source| CheckpointError::Json { path: path.to_owned(), source })
 }
 
 /// Returns the JSON text of a value, shortened if it is long.

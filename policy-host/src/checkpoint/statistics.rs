@@ -4,11 +4,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use super::CheckpointError;
-use super::mapping::FeatureKind;
-use super::processor::{
-    DEFAULT_EPSILON, Modes, NormalisationMode, POSTPROCESSOR, PREPROCESSOR, Processors, kind_name,
-};
+use serde::Deserialize;
+
+use super::error::CheckpointError;
+use super::feature::FeatureKind;
+use super::files::{POSTPROCESSOR, PREPROCESSOR};
 use crate::act::normalise::ShiftScale;
 use crate::pi05::scaling::Scaling;
 use crate::text::hashed;
@@ -16,8 +16,24 @@ use crate::weights::{CONFIG_FILE, TensorFile};
 
 /// Number of tensors that an error lists.
 const MAX_LISTED: usize = 12;
+/// Default of LeRobot's `eps`, which it adds to a standard deviation and substitutes for a zero range.
+pub(crate) const DEFAULT_EPSILON: f32 = 1e-8;
 /// Name of the action feature, which is normalised by that name.
 pub(crate) const ACTION: &str = "action";
+
+/// Normalisation of one kind of feature, under LeRobot's names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub(crate) enum NormalisationMode {
+    Identity,
+    MeanStd,
+    MinMax,
+    Quantiles,
+    Quantile10,
+}
+
+/// Normalisation by kind of feature.
+pub(crate) type Modes = BTreeMap<String, NormalisationMode>;
 
 /// Normalisation of one direction: network inputs, or actions back to the robot.
 #[derive(Debug)]
@@ -55,15 +71,15 @@ enum Statistics {
 }
 
 impl Normaliser {
-    /// Returns the normalisations of inputs and of actions. Without processors they are those of `modes`,
-    /// with statistics among the `weights`.
+    /// Returns the normalisations of inputs and of actions: those of the processors, which may lack one, or
+    /// without processors those of `modes`, with statistics among the `weights`.
     pub(crate) fn of_act(
         folder: &Path,
-        processors: Option<Processors>,
+        processors: Option<[Option<Self>; 2]>,
         modes: &Modes,
         weights: &TensorFile,
     ) -> Result<[Self; 2], CheckpointError> {
-        if let Some(Processors { inputs, outputs, .. }) = processors {
+        if let Some([inputs, outputs]) = processors {
             let inputs = inputs.unwrap_or_else(|| Self::missing_step(folder, PREPROCESSOR, modes));
             let outputs = outputs.unwrap_or_else(|| Self::missing_step(folder, POSTPROCESSOR, modes));
             return Ok([inputs, outputs]);
@@ -120,7 +136,8 @@ impl Normaliser {
     /// If the step does not know a feature that it has to normalise.
     pub(crate) fn mode(&self, name: &str, kind: FeatureKind) -> Result<NormalisationMode, CheckpointError> {
         let is_action = kind == FeatureKind::Action;
-        let mode = |kind| self.modes.get(kind_name(kind)).copied().unwrap_or(NormalisationMode::Identity);
+        let mode =
+            |kind: FeatureKind| self.modes.get(kind.name()).copied().unwrap_or(NormalisationMode::Identity);
         // LeRobot finds the action by its name alone.
         let known = self.kinds.as_ref().filter(|_| !is_action);
         let mode = match known.map(|kinds| kinds.get(name)) {
@@ -135,7 +152,7 @@ impl Normaliser {
                     expected: format!(
                         "every input that `norm_map` normalises: LeRobot leaves the others as they are. Add it, or set {} to \
                          IDENTITY if the network was trained without normalisation",
-                        kind_name(kind)
+                        kind.name()
                     ),
                 });
             }
@@ -240,19 +257,32 @@ impl Normaliser {
     /// Notes the kinds of `inputs` and actions that the step normalises otherwise than `config.json` says.
     pub(crate) fn note_differences(&self, config: &Modes, kinds: &[FeatureKind], notes: &mut Vec<String>) {
         let mode = |modes: &Modes, kind: FeatureKind| {
-            modes.get(kind_name(kind)).copied().unwrap_or(NormalisationMode::Identity)
+            modes.get(kind.name()).copied().unwrap_or(NormalisationMode::Identity)
         };
         for &kind in kinds {
             let (own, other) = (mode(&self.modes, kind), mode(config, kind));
             if own != other {
                 notes.push(format!(
                     "normalises {} by {}, as the step `{}` says, although {CONFIG_FILE} says {}",
-                    kind_name(kind),
+                    kind.name(),
                     own.name(),
                     self.step,
                     other.name()
                 ));
             }
+        }
+    }
+}
+
+impl NormalisationMode {
+    /// Returns LeRobot's name.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Identity => "IDENTITY",
+            Self::MeanStd => "MEAN_STD",
+            Self::MinMax => "MIN_MAX",
+            Self::Quantiles => "QUANTILES",
+            Self::Quantile10 => "QUANTILE10",
         }
     }
 }

@@ -13,9 +13,8 @@ use crate::checkpoint::{
     CheckpointError, CheckpointFolderError, NetworkCheck, ObservationMapping, check_networks,
     checkpoint_folders,
 };
-use crate::load::PolicyCheck;
 use crate::nn::Precision;
-use crate::policy::{ActionChunk, Policy, PolicyError, Stopwatch};
+use crate::policy::{ActionChunk, Policy, PolicyCheck, PolicyError, Stopwatch};
 
 /// Samples that are computed together, and read the weights once. It bounds the memory of a batch.
 const SAMPLES_PER_BATCH: usize = 8;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use super::HostConfig;
+use super::protocol::HostConfig;
 use crate::PolicySpec;
 use crate::content::CheckpointContent;
 

@@ -4,7 +4,7 @@ use ipc_types::link::ObservationMessage;
 use ipc_types::{FrameError, ObservationHeader, ObservationView};
 use thiserror::Error;
 
-use super::HostConfig;
+use super::protocol::HostConfig;
 use crate::policy::PolicyError;
 
 /// An observation that was received.

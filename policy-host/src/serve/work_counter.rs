@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use cpu_time::ProcessTime;
 
-use super::HostEvent;
+use super::protocol::HostEvent;
 
 /// Minimum time between two ledger events.
 const LEDGER_PERIOD: Duration = Duration::from_millis(100);

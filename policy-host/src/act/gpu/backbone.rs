@@ -1,9 +1,10 @@
 //! The ResNet backbone: from the bytes of all cameras to image tokens.
 
-use super::camera_size;
+use ipc_types::Morphology;
+
 use super::layers::{StepList, TokenRows};
-use crate::act::IMAGE_SIZES;
-use crate::act::image::Preprocessor;
+use crate::act::architecture::ImageSize;
+use crate::act::image::{IMAGE_SIZES, Preprocessor};
 use crate::act::normalise::Normalisation;
 use crate::act::tensors::BACKBONE;
 use crate::checkpoint::ObservationMapping;
@@ -16,6 +17,12 @@ const STEM: ConvGeometry = ConvGeometry { kernel_size: 7, stride: 2, padding: 3 
 /// Returns the largest number of words per sample of a buffer of the backbone.
 pub(crate) fn max_words(maps: DeviceMaps, width: usize) -> usize {
     maps.len().max(maps.convolved(STEM, width).len())
+}
+
+/// Returns the size of the images of a robot's camera, by its index.
+pub(crate) fn camera_size(camera: usize) -> ImageSize {
+    let [external, hand] = IMAGE_SIZES;
+    if camera < Morphology::Single.n_external_cameras() { external } else { hand }
 }
 
 impl StepList<'_> {

@@ -6,15 +6,4 @@ mod network;
 mod policy;
 mod transformer;
 
-pub use policy::{GpuActPolicy, LoadGpuError};
-
-use ipc_types::Morphology;
-
-use super::IMAGE_SIZES;
-use super::architecture::ImageSize;
-
-/// Returns the size of the images of a robot's camera, by its index.
-fn camera_size(camera: usize) -> ImageSize {
-    let [external, hand] = IMAGE_SIZES;
-    if camera < Morphology::Single.n_external_cameras() { external } else { hand }
-}
+pub use policy::GpuActPolicy;

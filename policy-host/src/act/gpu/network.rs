@@ -1,7 +1,7 @@
 //! A network on a device: its buffers and steps, and the computation of a batch.
 
+use super::backbone::{self, camera_size};
 use super::layers::StepList;
-use super::{backbone, camera_size};
 use crate::act::architecture::Architecture;
 use crate::act::leading::LeadingTokens;
 use crate::act::model::positions;

@@ -8,7 +8,7 @@ use super::network::GpuNetwork;
 use crate::act::instruction::TokenCache;
 use crate::act::policy::ChunkRows;
 use crate::act::stored::{StoredNetwork, load_networks};
-use crate::checkpoint::{CheckpointFolderError, ObservationMapping};
+use crate::checkpoint::{LoadGpuError, ObservationMapping};
 use crate::in_flight::{ObservationInFlight, ObservationsInFlight};
 use crate::nn::gpu::transfer::BatchInFlight;
 use crate::nn::gpu::{GpuDevice, GpuError};
@@ -31,16 +31,6 @@ struct DeviceNetwork {
     tokens: TokenCache,
     /// Network state input `[state_dim]` of the current sample.
     state: Vec<f32>,
-}
-
-/// Errors that can occur while loading a policy onto a device.
-#[derive(Debug, thiserror::Error)]
-#[expect(missing_docs, reason = "the variants are transparent")]
-pub enum LoadGpuError {
-    #[error(transparent)]
-    Folder(#[from] CheckpointFolderError),
-    #[error(transparent)]
-    Device(#[from] GpuError),
 }
 
 impl GpuActPolicy {

@@ -2,14 +2,15 @@
 
 use std::path::PathBuf;
 
-use super::{CheckpointError, Folder, Pi05Description};
-use crate::checkpoint::lerobot::{FeatureShape, read_base, read_chunk};
-use crate::checkpoint::mapping::{FeatureKind, InputFeature, MAPPING_FILE, refuse_if, rename};
-use crate::checkpoint::processor::{
-    Modes, NormalisationMode, POSTPROCESSOR, PREPROCESSOR, Processors, TokenizerSettings,
-};
+use super::description::{Folder, Pi05Description};
+use crate::checkpoint::CheckpointError;
+use crate::checkpoint::feature::{FeatureKind, FeatureShape, InputFeature, rename};
+use crate::checkpoint::files::{MAPPING_FILE, POSTPROCESSOR, PREPROCESSOR};
+use crate::checkpoint::lerobot::{read_base, read_chunk};
+use crate::checkpoint::mapping::refuse_if;
+use crate::checkpoint::processor::{Processors, TokenizerSettings};
 use crate::checkpoint::settings::{Features, IgnoreList, Settings};
-use crate::checkpoint::statistics::{ACTION, Normaliser};
+use crate::checkpoint::statistics::{ACTION, Modes, NormalisationMode, Normaliser};
 use crate::execution::ChunkSettings;
 use crate::pi05::architecture::Pi05Architecture;
 use crate::spec::MAX_STEPS;

@@ -5,9 +5,9 @@
 //! cameras are described in `hypogeum.json`. Both need `tokenizer.model`, PaliGemma's SentencePiece model.
 
 mod config;
+mod description;
 mod openpi;
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 #[cfg(feature = "gpu")]
 use std::sync::Arc;
@@ -15,23 +15,21 @@ use std::sync::Arc;
 use ipc_types::allotment::available_memory;
 use ipc_types::input;
 
+use self::description::Folder;
+pub use self::description::Pi05Description;
 use super::CheckpointError;
-#[cfg(feature = "gpu")]
-use super::CheckpointFolderError;
-use super::mapping::{InputFeature, MAPPING_FILE, ObservationMapping, Sidecar, map_features, refuse_if};
+use super::mapping::{Sidecar, refuse_if};
 use super::settings::Settings;
 #[cfg(feature = "gpu")]
-use crate::act::LoadGpuError;
-use crate::execution::ChunkSettings;
+use super::{CheckpointFolderError, LoadGpuError};
 use crate::nn::Precision;
 #[cfg(feature = "gpu")]
 use crate::nn::gpu::GpuDevice;
 #[cfg(feature = "gpu")]
 use crate::pi05::GpuPi05Network;
-use crate::pi05::architecture::{DEFAULT_VISION_HEADS, Pi05Architecture, Pi05Names};
+use crate::pi05::architecture::Pi05Names;
 use crate::pi05::model::{Pi05Model, Pi05Options};
-use crate::pi05::prompt::{PromptState, Prompter};
-use crate::pi05::scaling::Scaling;
+use crate::pi05::prompt::Prompter;
 use crate::weights::{CONFIG_FILE, INDEX_FILE, MODEL_FILE, TensorFolder};
 
 /// A checkpoint whose configuration and weights headers have been checked against each other.
@@ -41,49 +39,6 @@ pub struct Pi05Checkpoint {
     tensors: TensorFolder,
     names: Pi05Names,
     description: Pi05Description,
-}
-
-/// Contents of a folder's configuration, independent of its format.
-#[derive(Clone, Debug)]
-pub struct Pi05Description {
-    /// Sizes of the network.
-    pub architecture: Pi05Architecture,
-    /// Mapping from the robot's observation to the network's input. Cameras are in the network's order,
-    /// without those that the robot does not have.
-    pub mapping: ObservationMapping,
-    /// Scaling of the robot's state.
-    pub state: Scaling,
-    /// Scaling of the robot's actions, applied in reverse.
-    pub action: Scaling,
-    /// Number of entries of the robot's action.
-    pub action_dim: usize,
-    /// State numbers in the prompt.
-    pub prompt_state: PromptState,
-    /// Number of entries to which the state is padded, if it is.
-    pub max_state_dim: usize,
-    /// Folder of the vocabulary.
-    pub tokenizer_folder: PathBuf,
-    /// Maximum number of tokens of a prompt; a longer one is cut off, as in LeRobot.
-    pub max_tokens: usize,
-    /// Number of Euler steps from noise to actions, unless the user chooses another.
-    pub n_steps: usize,
-    /// Shortest and longest period of the time embedding.
-    pub periods: (f64, f64),
-    /// Use of its chunks.
-    pub chunk: ChunkSettings,
-    /// Sentences for the user about its settings.
-    pub notes: Vec<String>,
-}
-
-impl Pi05Description {
-    /// Returns the number of state numbers in a prompt.
-    #[must_use]
-    pub fn n_prompt_numbers(&self) -> usize {
-        match self.prompt_state {
-            PromptState::Unpadded => self.mapping.state.iter().map(ExactSizeIterator::len).sum(),
-            PromptState::Padded => self.max_state_dim,
-        }
-    }
 }
 
 /// Returns `true` if the folder itself contains the weights of a checkpoint.
@@ -222,46 +177,5 @@ impl Pi05Checkpoint {
             let path = self.tensors.path_of(tensor).to_owned();
             Err(CheckpointError::UnexpectedTensor { path, tensor: tensor.to_owned(), found })
         })
-    }
-}
-
-/// The parts of a checkpoint folder that are read before its configuration.
-struct Folder<'a> {
-    folder: &'a Path,
-    tensors: &'a TensorFolder,
-    names: &'a Pi05Names,
-    sidecar: &'a Sidecar,
-}
-
-impl Folder<'_> {
-    fn value(&self, key: &str, found: impl fmt::Display, expected: impl fmt::Display) -> CheckpointError {
-        CheckpointError::Value {
-            path: self.folder.join(CONFIG_FILE),
-            key: key.to_owned(),
-            found: found.to_string(),
-            expected: expected.to_string(),
-        }
-    }
-
-    fn architecture(&self, horizon: usize) -> Result<Pi05Architecture, CheckpointError> {
-        let n_heads = self.sidecar.vision_heads.unwrap_or(DEFAULT_VISION_HEADS);
-        let architecture = Pi05Architecture::of(self.tensors, self.names, n_heads, horizon)?;
-        match architecture.invalid() {
-            None => Ok(architecture),
-            Some((key, found, expected)) => Err(self.value(key, found, expected)),
-        }
-    }
-
-    /// Maps the robot's observation to the network's features, cameras in their order.
-    fn mapping(
-        &self,
-        features: Vec<InputFeature>,
-        action_dim: usize,
-    ) -> Result<ObservationMapping, CheckpointError> {
-        let path = self.folder.join(MAPPING_FILE);
-        let present: Vec<_> =
-            features.into_iter().filter(|feature| !self.sidecar.leaves_out(feature)).collect();
-        map_features(&present, action_dim, self.sidecar)
-            .map_err(|reason| CheckpointError::Mapping { path, reason })
     }
 }

@@ -7,10 +7,11 @@ use ipc_types::input;
 use serde::Deserialize;
 
 use super::config::MAX_ROWS;
-use super::{CheckpointError, Folder, Pi05Description};
-use crate::checkpoint::mapping::{FeatureKind, InputFeature, MAPPING_FILE};
-use crate::checkpoint::parse;
-use crate::checkpoint::settings::Settings;
+use super::description::{Folder, Pi05Description};
+use crate::checkpoint::CheckpointError;
+use crate::checkpoint::feature::{FeatureKind, InputFeature};
+use crate::checkpoint::files::MAPPING_FILE;
+use crate::checkpoint::settings::{Settings, parse};
 use crate::execution::ChunkSettings;
 use crate::pi05::scaling::Scaling;
 

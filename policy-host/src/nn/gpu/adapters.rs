@@ -1,8 +1,17 @@
 //! The Vulkan adapters of this machine, in the order in which they are numbered.
 
 use core::fmt;
+use core::pin::pin;
+use core::task::{Context, Poll, Waker};
 
-use super::device::{DeviceKind, poll_ready};
+/// Kind of Vulkan adapter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DeviceKind {
+    /// A physical or virtual GPU.
+    Hardware,
+    /// A software driver that runs on the CPU, for tests: Mesa's lavapipe.
+    Software,
+}
 
 /// An adapter and what matters for policies.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -13,6 +22,21 @@ pub struct AdapterSummary {
     pub number: Option<(DeviceKind, usize)>,
     /// Size of the largest buffer that a kernel can use, in bytes.
     pub max_binding: u64,
+}
+
+impl DeviceKind {
+    pub(crate) const fn description(self) -> &'static str {
+        match self {
+            Self::Hardware => "GPU",
+            Self::Software => "software Vulkan driver",
+        }
+    }
+
+    pub(crate) const fn matches(self, device_type: wgpu::DeviceType) -> bool {
+        use wgpu::DeviceType::{DiscreteGpu, IntegratedGpu, VirtualGpu};
+        let is_hardware = matches!(device_type, DiscreteGpu | IntegratedGpu | VirtualGpu);
+        is_hardware == matches!(self, Self::Hardware)
+    }
 }
 
 /// Lists all adapters.
@@ -60,5 +84,13 @@ impl fmt::Display for AdapterSummary {
             write!(f, "{kind} {index}: ")?;
         }
         write!(f, "{}, buffers up to {} MiB", self.name, self.max_binding >> 20)
+    }
+}
+
+/// Returns the result of a future that is ready immediately, as all futures of wgpu are outside of a browser.
+pub(crate) fn poll_ready<T>(future: impl Future<Output = T>) -> T {
+    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(result) => result,
+        Poll::Pending => unreachable!("native wgpu futures are ready immediately"),
     }
 }

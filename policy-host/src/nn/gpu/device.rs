@@ -1,14 +1,12 @@
 //! Selection and opening of an adapter, its error state, and waiting with a timeout.
 
-use core::pin::pin;
-use core::task::{Context, Poll, Waker};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use thiserror::Error;
 
-use super::adapters;
+use super::adapters::{self, DeviceKind, poll_ready};
 
 /// Timeout after which a device that has not finished a batch counts as failed.
 const WAIT_TIMEOUT: Duration = Duration::from_secs(300);
@@ -17,15 +15,6 @@ const MAX_BINDING: u64 = 1 << 31;
 
 /// Message of a device that cannot allocate a buffer.
 const OUT_OF_MEMORY: &str = "out of memory";
-
-/// Kind of Vulkan adapter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DeviceKind {
-    /// A physical or virtual GPU.
-    Hardware,
-    /// A software driver that runs on the CPU, for tests: Mesa's lavapipe.
-    Software,
-}
 
 /// Errors of a device.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -49,21 +38,6 @@ pub struct GpuDevice {
 /// The first error that a device callback or a wait has reported. Later errors are ignored.
 #[derive(Clone, Default)]
 struct DeviceFault(Arc<Mutex<Option<String>>>);
-
-impl DeviceKind {
-    const fn description(self) -> &'static str {
-        match self {
-            Self::Hardware => "GPU",
-            Self::Software => "software Vulkan driver",
-        }
-    }
-
-    pub(crate) const fn matches(self, device_type: wgpu::DeviceType) -> bool {
-        use wgpu::DeviceType::{DiscreteGpu, IntegratedGpu, VirtualGpu};
-        let is_hardware = matches!(device_type, DiscreteGpu | IntegratedGpu | VirtualGpu);
-        is_hardware == matches!(self, Self::Hardware)
-    }
-}
 
 impl GpuDevice {
     /// Opens the first adapter of a kind, discrete GPUs before integrated ones.
@@ -220,13 +194,5 @@ impl DeviceFault {
 
     fn set(&self, message: String) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(message);
-    }
-}
-
-/// Returns the result of a future that is ready immediately, as all futures of wgpu are outside of a browser.
-pub(crate) fn poll_ready<T>(future: impl Future<Output = T>) -> T {
-    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
-        Poll::Ready(result) => result,
-        Poll::Pending => unreachable!("native wgpu futures are ready immediately"),
     }
 }

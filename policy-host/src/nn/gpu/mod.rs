@@ -18,6 +18,7 @@ pub mod steps;
 pub mod transfer;
 pub mod weights;
 
+pub use self::adapters::DeviceKind;
 pub use self::buffer::DeviceBuffer;
-pub use self::device::{DeviceKind, GpuDevice, GpuError};
+pub use self::device::{GpuDevice, GpuError};
 pub use self::kernel::{Dispatch, KernelCache};

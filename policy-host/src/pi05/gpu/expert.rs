@@ -2,7 +2,7 @@
 
 use super::gemma::{LayerWeights, StackBuffers};
 use super::runs::{BatchUnit, RunBuilder};
-use crate::act::LoadGpuError;
+use crate::checkpoint::LoadGpuError;
 use crate::nn::gpu::DeviceBuffer;
 use crate::nn::gpu::ops::{DeviceWeights, ProductEpilogue};
 use crate::nn::gpu::sequences::{SequenceInput, SequenceShape};

@@ -1,7 +1,7 @@
 //! Gemma: the parts of a layer that the language model and the action expert share, and the language model.
 
 use super::runs::{BatchUnit, RunBuilder};
-use crate::act::LoadGpuError;
+use crate::checkpoint::LoadGpuError;
 use crate::nn::gpu::DeviceBuffer;
 use crate::nn::gpu::ops::{DeviceWeights, ProductEpilogue};
 use crate::nn::gpu::sequences::{RotaryRows, RowNorm, SequenceInput, SequenceShape};

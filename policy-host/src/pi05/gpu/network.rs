@@ -7,7 +7,7 @@ use bytemuck::cast_slice;
 use super::expert::ExpertInput;
 use super::runs::{BatchUnit, N_UNITS, RunBuilder, UnitCounts, unreadable};
 use super::{gemma, vision};
-use crate::act::LoadGpuError;
+use crate::checkpoint::LoadGpuError;
 use crate::nn::gpu::sequences::SequenceSpan;
 use crate::nn::gpu::steps::StepRun;
 use crate::nn::gpu::transfer::{BatchArray, BatchInFlight, BatchQueue, UnitCounter};

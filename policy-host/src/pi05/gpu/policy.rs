@@ -6,7 +6,7 @@ use std::sync::Arc;
 use ipc_types::{Morphology, ObservationView};
 
 use super::network::GpuPi05Network;
-use crate::act::LoadGpuError;
+use crate::checkpoint::LoadGpuError;
 use crate::checkpoint::pi05::Pi05Checkpoint;
 use crate::in_flight::{ObservationInFlight, ObservationsInFlight};
 use crate::nn::Precision;

@@ -1,7 +1,6 @@
 //! Construction of a network's steps: runs of steps that count the same unit, and weights by name.
 
-use crate::act::LoadGpuError;
-use crate::checkpoint::CheckpointError;
+use crate::checkpoint::{CheckpointError, LoadGpuError};
 use crate::nn::gpu::ops::{DeviceWeights, OpBuilder, ProductEpilogue, SampleRows};
 use crate::nn::gpu::steps::{NetworkStep, StepRun};
 use crate::nn::gpu::{DeviceBuffer, Dispatch, GpuDevice, KernelCache};

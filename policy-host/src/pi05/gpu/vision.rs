@@ -1,7 +1,7 @@
 //! The vision tower: from the patches of distinct images to tokens of the language model.
 
 use super::runs::{BatchUnit, RunBuilder};
-use crate::act::LoadGpuError;
+use crate::checkpoint::LoadGpuError;
 use crate::nn::gpu::DeviceBuffer;
 use crate::nn::gpu::ops::ProductEpilogue;
 use crate::nn::gpu::sequences::{MAX_HEAD_WIDTH, RowNorm, SequenceInput, SequenceShape, SequenceSpan};

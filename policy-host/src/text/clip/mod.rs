@@ -4,27 +4,20 @@
 //! The size of the tower is derived from its tensors; [`WeightsFingerprint`] identifies the weights whatever
 //! file holds them.
 
+mod fingerprint;
 mod tensors;
 mod tokens;
 mod tower;
 
-use std::fmt;
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
-
+pub use self::fingerprint::WeightsFingerprint;
 pub use self::tensors::TowerShape;
 pub use self::tokens::{ClipTokenizer, MAX_TOKENS, VOCABULARY};
 
 use self::tensors::TowerFile;
 use self::tower::TextTower;
 use crate::weights::WeightsError;
-
-/// Identity of a text tower's weights: xxh3-64 over all tensors, each as its name, a zero byte and its values
-/// as little-endian f32.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
-pub struct WeightsFingerprint(pub u64);
 
 /// A loaded CLIP text encoder: tokenizer and text tower.
 #[derive(Debug)]
@@ -65,27 +58,5 @@ impl ClipText {
     #[must_use]
     pub fn encode(&self, text: &str) -> Vec<f32> {
         self.tower.forward(&self.tokenizer.encode(text))
-    }
-}
-
-impl fmt::Display for WeightsFingerprint {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:016x}", self.0)
-    }
-}
-
-impl From<WeightsFingerprint> for String {
-    fn from(fingerprint: WeightsFingerprint) -> Self {
-        fingerprint.to_string()
-    }
-}
-
-impl TryFrom<String> for WeightsFingerprint {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        let digits = text.len() == 16 && text.bytes().all(|digit| digit.is_ascii_hexdigit());
-        let number = u64::from_str_radix(&text, 16).ok().filter(|_| digits);
-        number.map(Self).ok_or_else(|| format!("fingerprint `{text}`, expected 16 hexadecimal digits"))
     }
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use xxhash_rust::xxh3::Xxh3;
 
-use super::WeightsFingerprint;
+use super::fingerprint::WeightsFingerprint;
 use super::tokens::{MAX_TOKENS, VOCABULARY};
 use crate::weights::{StateDict, TensorFile, TensorSpec, WeightsError};
 
