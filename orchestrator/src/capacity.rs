@@ -1,11 +1,11 @@
 //! The numbers of envs that a run may use: what the user fixed, or what cores, memory and episodes admit.
 
 use ipc_types::allotment::{available_memory, n_cores};
-use ipc_types::link::{BudgetError, LaneSpec, check_budget};
+use ipc_types::link::{BudgetError, LaneSpec, SHM, check_budget};
 use ipc_types::run_config::Amount;
 use policy_host::PolicySpec;
 
-use crate::execution::{SHM, lanes};
+use crate::lanes::lanes;
 use crate::plan::RunPlan;
 
 /// Memory of an env in bytes, a little more than measured: without and with images.

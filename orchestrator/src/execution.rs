@@ -7,32 +7,23 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use ipc_types::RunConfig;
-use ipc_types::layout::block_pages;
-use ipc_types::link::{Domain, LaneSpec};
+use ipc_types::link::{Domain, SHM};
 use ipc_types::run_config::Execution;
-use policy_host::{PolicyCheck, PolicySpec, device};
-use sim::serve::protocol::{Driver, Lane};
+use policy_host::{PolicyCheck, device};
 
 use crate::capacity::Capacity;
 use crate::exit::{Failure, OrUser};
-use crate::fleet::{
-    self, Fleet, FleetConfig, FleetError, FleetEvent, IsWanted, PolicyLane, RunStatus, Totals,
-};
+use crate::fleet::{self, Fleet, FleetConfig, FleetError, FleetEvent, IsWanted, RunStatus, Totals};
 use crate::interrupt;
-use crate::jobs::{JobList, drivers};
+use crate::jobs::JobList;
+use crate::lanes::lanes;
 use crate::plan::{RunPlan, check_latency};
 use crate::policy::{Identity, NamedPolicy};
 
-/// Observation batches that may be unanswered on a lane, so that stepping and inference overlap.
-const IN_FLIGHT: u32 = 2;
-/// Seconds that π0.5 may take for a batch: on a CPU, a query at full size takes up to half a minute.
-const PI05_ANSWER_TIMEOUT_S: u32 = 3600;
 /// Number of times that a run goes on under other names.
 const MAX_MOVES: usize = 3;
 /// The file that this process executes, even if another has taken its path since, as after a rebuild.
 const THIS_PROGRAM: &str = "/proc/self/exe";
-/// Mount point of shared memory.
-pub(crate) const SHM: &str = "/dev/shm";
 
 /// Finds the device on which the policies of a run compute, and puts it into the configuration in place of
 /// `auto`. Returns its identity, unless it is the CPU.
@@ -160,30 +151,4 @@ fn fleet_config(plan: &RunPlan, capacity: Capacity, earlier_renderer: Option<Str
         morphologies: plan.morphologies(),
         limits: fleet::Limits::default(),
     }
-}
-
-/// Returns the policies that run outside the sim, with up to `batch` envs in a message. Their checkpoints are
-/// not read.
-pub(crate) fn lanes(plan: &RunPlan, batch: u32) -> Vec<PolicyLane> {
-    let policy = |((policy, driver), &execution): ((&NamedPolicy, Driver), &Execution)| {
-        let Driver::Lane(lane) = driver else { return None };
-        let images = policy.spec.needs_images();
-        let max_pages =
-            plan.morphologies().into_iter().map(|morphology| block_pages(morphology, images)).max();
-        let spec = LaneSpec {
-            lane,
-            policy: policy.name.clone(),
-            max_envs: batch,
-            block_pages: max_pages.unwrap_or(1) as u32,
-            in_flight: IN_FLIGHT,
-        };
-        let foreign = matches!(policy.spec, PolicySpec::Attach(_));
-        let answer_timeout_s = match policy.spec {
-            PolicySpec::Pi05(_) | PolicySpec::Pi05Int8(_) => PI05_ANSWER_TIMEOUT_S,
-            _ => Lane::ANSWER_TIMEOUT_S,
-        };
-        let lane = Lane { spec, images, foreign, answer_timeout_s, execute: execution.execute };
-        Some(PolicyLane { spec: policy.spec.clone(), execution, checkpoint: None, lane })
-    };
-    plan.policies.iter().zip(drivers(plan)).zip(&plan.executions).filter_map(policy).collect()
 }

@@ -6,7 +6,8 @@ use std::rc::Rc;
 use sim::scene::stream::episode_seed;
 use sim::serve::protocol::{Assignment, Driver};
 
-use crate::plan::{Condition, RunPlan};
+use crate::condition::Condition;
+use crate::plan::RunPlan;
 use crate::results::FinishedEpisodes;
 
 /// One episode of a plan.

@@ -14,6 +14,7 @@ mod build_identity;
 mod capacity;
 mod cli;
 mod commands;
+mod condition;
 mod demos;
 mod evaluation_args;
 mod execution;
@@ -24,6 +25,7 @@ mod fleet;
 pub mod fuzzing;
 mod interrupt;
 mod jobs;
+mod lanes;
 mod live;
 mod machine;
 mod movie;
@@ -56,6 +58,7 @@ use std::thread;
 use std::time::Instant;
 
 use anyhow::Context;
+use clap::CommandFactory;
 use ipc_types::allotment::n_cores;
 use ipc_types::{printable, shorten};
 
@@ -139,7 +142,7 @@ fn run_command(command: &Command, started: Instant) -> Result<ExitStatus, Failur
         Command::Fps(args) => fps::fps(args),
         Command::Pack(args) => pack::pack(args),
         Command::Checkpoint(args) => checkpoint::checkpoint(args),
-        Command::Completions(args) => completions::completions(args),
+        Command::Completions(args) => completions::completions(args, Cli::command()),
         Command::Sim(args) => child::sim(args),
         Command::PolicyHost(args) => child::policy_host(args),
         Command::Reap(args) => child::reap(args),

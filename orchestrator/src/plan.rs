@@ -5,11 +5,11 @@ use std::path::PathBuf;
 
 use ipc_types::run_config::{Execution, QueryMode, ResultOptions};
 use ipc_types::{ControlMode, Morphology, RunConfig};
-use serde::ser::{Serialize, SerializeMap, Serializer};
-use sim::perturb::{Composition, Sentences, SentencesError};
-use sim::{Perturbation, Profile, TaskId};
+use sim::TaskId;
+use sim::perturb::{Sentences, SentencesError};
 use thiserror::Error;
 
+use crate::condition::{Condition, ConditionError};
 use crate::policy::NamedPolicy;
 use crate::selection::{PerturbationSelector, TaskSelector};
 use crate::statistics::Levels;
@@ -35,13 +35,6 @@ pub(crate) struct RunPlan {
     pub(crate) stopping: Option<StoppingRule>,
 }
 
-/// A task under a perturbation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct Condition {
-    pub(crate) task: TaskId,
-    pub(crate) perturbation: Composition,
-}
-
 /// Errors that can occur while resolving arguments into a plan.
 #[derive(Debug, Error)]
 pub(crate) enum PlanError {
@@ -51,11 +44,8 @@ pub(crate) enum PlanError {
     NoPolicy,
     #[error("two policies are named `{name}`: give each its own name, --policy NAME=SPEC")]
     SameName { name: String },
-    #[error(
-        "perturbation {perturbation} does not apply to {task}: {reason}; omit one of them, or use --perturbations all for \
-         those that apply"
-    )]
-    NotApplicable { task: &'static str, perturbation: &'static str, reason: String },
+    #[error(transparent)]
+    Condition(#[from] ConditionError),
     #[error(
         "--execute is {found}, but ensemble mode queries at every step: omit --execute or use --mode chunk"
     )]
@@ -150,34 +140,6 @@ impl RunPlan {
     }
 }
 
-impl Serialize for Condition {
-    /// Serializes the names of the task and the perturbation.
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut map = serializer.serialize_map(Some(2))?;
-        map.serialize_entry("task", self.task.name())?;
-        map.serialize_entry("perturbation", &self.perturbation.name())?;
-        map.end()
-    }
-}
-
-impl Condition {
-    /// Makes the condition of `task` under `perturbation`.
-    ///
-    /// # Errors
-    /// If the perturbation does not apply to the task.
-    pub(crate) fn new(task: TaskId, perturbation: Composition) -> Result<Self, PlanError> {
-        perturbation.applies_to(&(task.task().nominal)(Profile::Strict)).map_err(|(part, error)| {
-            PlanError::NotApplicable { task: task.name(), perturbation: part.name(), reason: error.reason }
-        })?;
-        Ok(Self { task, perturbation })
-    }
-
-    /// Returns the conditions of `task` under every single perturbation that applies to it.
-    pub(crate) fn all_of(task: TaskId) -> impl Iterator<Item = Self> {
-        Perturbation::ALL.iter().filter_map(move |&perturbation| Self::new(task, perturbation.into()).ok())
-    }
-}
-
 /// Checks that latency is defined for the use of a policy's chunks.
 pub(crate) fn check_latency(latency: u32, execution: Execution) -> Result<(), PlanError> {
     let reason = "ensemble mode averages predictions for the present step: use --mode chunk";
@@ -246,6 +208,7 @@ fn conditions(tasks: &[TaskId], selectors: &[PerturbationSelector]) -> Result<Ve
 #[cfg(test)]
 mod tests {
     use ipc_types::run_config::Amount;
+    use sim::{Perturbation, Profile};
 
     use super::*;
 

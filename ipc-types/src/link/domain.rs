@@ -20,11 +20,10 @@ use serde::{Deserialize, Serialize};
 use super::error::LinkError;
 use super::lane_spec::LaneSpec;
 use super::lease::DomainLease;
+use super::shm::SHM;
 use super::type_names::Ipc;
 use super::{budget, management};
 
-/// Mount point of POSIX shared memory on Linux.
-pub(crate) const SHM: &str = "/dev/shm";
 /// Folder of iceoryx2's descriptions of services, below the root.
 const SERVICES: &str = "services";
 /// Hexadecimal digits of the run number in names: the low 48 bits, because a socket's path is limited to 107
@@ -83,7 +82,7 @@ impl Domain {
         budget::check_places(lanes, shm, &self.root)?;
         // Other users learn the prefix with the first child's arguments. From then on the only segment with a
         // predictable name must be there.
-        management::create(self)?;
+        management::create(&self.prefix)?;
         Ok(lease)
     }
 

@@ -12,8 +12,8 @@ use std::path::Path;
 
 use rustix::fs::{AtFlags, CWD, Mode, OFlags};
 
-use super::domain::{Domain, SHM};
 use super::error::LinkError;
+use super::shm::SHM;
 
 /// End of the segment's name in iceoryx2 0.10.0: the SHA-1 of the type name
 /// `iceoryx2::node::global_management_segment::State`, and the version.
@@ -21,9 +21,9 @@ const NAME: &str = "9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_
 /// Content: the version 0.10.0, 16 bits per part, and the counter with its padding.
 const CONTENT: [u64; 2] = [10 << 16, 0];
 
-/// Creates the segment of a domain, unless it exists.
-pub(crate) fn create(domain: &Domain) -> Result<(), LinkError> {
-    let path = Path::new(SHM).join(format!("{}{NAME}", domain.prefix));
+/// Creates the segment of the domain whose names start with `prefix`, unless it exists.
+pub(crate) fn create(prefix: &str) -> Result<(), LinkError> {
+    let path = Path::new(SHM).join(format!("{prefix}{NAME}"));
     let failed = |source| LinkError::SharedMemory { path: path.clone(), source };
     if !path.exists() {
         match create_at(&path) {

@@ -33,7 +33,7 @@ impl LinkNode {
         let node_name = NodeName::new(name)
             .map_err(|error| LinkError::NodeName { name: name.into(), reason: format!("{error:?}") })?;
         let lease = domain.lease()?;
-        management::create(domain)?;
+        management::create(&domain.prefix)?;
         let node = NodeBuilder::new()
             .name(&node_name)
             .config(&config)

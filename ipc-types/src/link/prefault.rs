@@ -12,8 +12,9 @@ use rustix::fs::FallocateFlags;
 use rustix::io::Errno;
 use rustix::mm::Advice;
 
-use super::domain::{Domain, SHM};
+use super::domain::Domain;
 use super::error::LinkError;
+use super::shm::SHM;
 use crate::layout::{PAGE_BYTES, Page};
 
 /// Reserves the full size of the data segment of publisher `publisher_id`.

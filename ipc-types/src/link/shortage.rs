@@ -7,7 +7,7 @@ use rustix::process::Resource;
 use thiserror::Error;
 
 use super::budget::free_bytes;
-use super::domain::SHM;
+use super::shm::SHM;
 
 /// Spare descriptors below which a lack of them is the likely cause: iceoryx2 holds a few while it creates a
 /// port, and has closed them again when it fails.

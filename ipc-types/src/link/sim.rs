@@ -8,7 +8,6 @@ use iceoryx2::prelude::{CallbackProgression, PortFactory as _};
 use iceoryx2::service::port_factory::event::PortFactory;
 
 use super::budget;
-use super::domain::SHM;
 use super::error::LinkError;
 use super::lane_spec::LaneSpec;
 use super::node::LinkNode;
@@ -16,6 +15,7 @@ use super::receiver::{MessageReceiver, ReceivedMessage};
 use super::retry::{AttemptError, retry};
 use super::sender::{Loan, MessageSender, SenderCapacity};
 use super::services::{self, Agreement, MessageService, lane_service};
+use super::shm::SHM;
 use super::type_names::Ipc;
 use super::wake::{self, SIM_WAKE, WakeListener};
 use crate::frame::{ActionHeader, ObservationHeader};

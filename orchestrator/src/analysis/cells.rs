@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::evaluation::{EvaluatedPolicy, Evaluation, RowIdx};
 use super::matching::Metric;
-use crate::plan::Condition;
+use crate::condition::Condition;
 use crate::statistics::{ConfidenceSequence, quantile, wilson_interval};
 
 /// Successes among trials.

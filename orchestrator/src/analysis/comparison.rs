@@ -12,7 +12,7 @@ use super::evaluation::{Evaluation, EvaluationError};
 use super::flips::{Flip, flips};
 use super::groups::Group;
 use super::matching::{MatchedCell, Metric, Side, match_cells};
-use crate::plan::Condition;
+use crate::condition::Condition;
 use crate::statistics::{
     Decision, DifferenceCell, Judgement, Levels, MeanDifference, PairRates, PairedSequence, Pairs,
     TestedDifference, Verdict, equivalence_p, judge, mcnemar_mid_p, n_open_tests, tango_interval,

@@ -6,7 +6,7 @@ use serde::Serialize;
 use sim::perturb::{Composition, Modality};
 use sim::{Perturbation, TaskId};
 
-use crate::plan::Condition;
+use crate::condition::Condition;
 
 /// Minimum unperturbed success rate of a task that counts for the changes.
 pub(crate) const MIN_SUCCESS: f64 = 0.1;

@@ -7,7 +7,7 @@ use ipc_types::RunConfig;
 use serde_json::{Map, Value};
 use thiserror::Error;
 
-use crate::plan::Condition;
+use crate::condition::Condition;
 use crate::policy::Identity;
 use crate::results::{ENVIRONMENT, EpisodeRow, PLANS, ResultsFile, STOPPING};
 
@@ -87,6 +87,13 @@ fn hint(key: &str) -> String {
         "version" => String::new(),
         "seed" => "; to pool the episodes of several seeds, add --across seed".to_owned(),
         key => format!("; if this difference is what you want to compare, add --across {key}"),
+    }
+}
+
+impl EvaluatedPolicy {
+    /// Returns the name of the policy as part of a file name: it may contain that of a results file.
+    pub(crate) fn file_name(&self) -> String {
+        self.name.replace(['/', ':'], "_")
     }
 }
 

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::evaluation::Evaluation;
 use super::matching::{MatchedCell, MatchedEpisode};
-use crate::plan::Condition;
+use crate::condition::Condition;
 
 /// A matched episode in which exactly one side succeeds.
 #[derive(Clone, Debug, Serialize)]

@@ -7,7 +7,7 @@ use sim::Perturbation;
 use sim::perturb::{Composition, Modality};
 
 use super::effects::{MODALITIES, modality_name, morphology_name};
-use crate::plan::Condition;
+use crate::condition::Condition;
 
 /// A group of cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,7 +6,7 @@ use serde::Serialize;
 use sim::perturb::Composition;
 
 use super::evaluation::{EvaluatedPolicy, Evaluation, RowIdx};
-use crate::plan::Condition;
+use crate::condition::Condition;
 use crate::results::EpisodeRow;
 use crate::statistics::{Levels, PairedSequence, Pairs};
 

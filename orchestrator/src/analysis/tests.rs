@@ -4,7 +4,7 @@ use sim::perturb::Modality;
 use sim::{Perturbation, TaskId};
 
 use super::*;
-use crate::plan::Condition;
+use crate::condition::Condition;
 
 /// Marks a perturbation that does not apply to the task.
 const NOT: f64 = f64::NAN;

@@ -1,9 +1,8 @@
 //! `hypogeum completions`: completion scripts for shells.
 
-use clap::{Args, CommandFactory};
+use clap::{Args, Command};
 use clap_complete::Shell;
 
-use crate::cli::Cli;
 use crate::exit::{ExitStatus, Failure};
 use crate::output::print_out;
 
@@ -14,10 +13,10 @@ pub(crate) struct CompletionsArgs {
     pub(crate) shell: Shell,
 }
 
-/// Prints the completion script.
-pub(crate) fn completions(args: &CompletionsArgs) -> Result<ExitStatus, Failure> {
+/// Prints the completion script of the program whose command line is `command`.
+pub(crate) fn completions(args: &CompletionsArgs, mut command: Command) -> Result<ExitStatus, Failure> {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "hypogeum", &mut script);
+    clap_complete::generate(args.shell, &mut command, "hypogeum", &mut script);
     print_out(&String::from_utf8_lossy(&script))?;
     Ok(ExitStatus::Success)
 }

@@ -12,11 +12,11 @@ use ipc_types::{ControlMode, Morphology};
 use sim::perturb::Composition;
 
 use crate::build_identity;
+use crate::condition::Condition;
 use crate::demos::{DatasetSettings, DemoPlan, ImageFormat};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::interrupt;
 use crate::names::{NameParser, UnknownName, pick};
-use crate::plan::Condition;
 use crate::selection::{PERTURBATION_PARSER, TaskSelector};
 
 /// Arguments of `demos`.

@@ -12,12 +12,12 @@ use sim::scene::stream::episode_seed;
 use sim::show::movie::MovieFormat;
 use sim::show::{Actor, EpisodeSpec, FrameSequence, Legend, ViewMode, contact_sheet};
 
+use crate::condition::{Condition, ConditionError};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::movie;
 use crate::names::{NameParser, UnknownName, pick};
 use crate::output::{print_message, print_out};
 use crate::output_files::Overwriting;
-use crate::plan::{Condition, PlanError};
 use crate::selection::{PerturbationSelector, TaskSelector};
 use crate::table::{Align, TextTable};
 
@@ -127,7 +127,7 @@ impl ShowPlan {
 }
 
 /// Returns the perturbations that `selector` selects for `task`, at least one.
-fn perturbations(task: TaskId, selector: PerturbationSelector) -> Result<Vec<Composition>, PlanError> {
+fn perturbations(task: TaskId, selector: PerturbationSelector) -> Result<Vec<Composition>, ConditionError> {
     match selector {
         PerturbationSelector::Applicable => {
             Ok(Condition::all_of(task).map(|condition| condition.perturbation).collect())

@@ -8,10 +8,9 @@ use serde_json::Value;
 use sim::Perturbation;
 use sim::perturb::Composition;
 
-use super::file_name;
 use crate::analysis::{CellSummary, EvaluatedPolicy, Evaluation, Metric, RowIdx};
+use crate::condition::Condition;
 use crate::output_files::OutputFolder;
-use crate::plan::Condition;
 use crate::results::ENVIRONMENT;
 
 /// The columns, as `examples/baselines/act_clip` of the original writes them.
@@ -50,7 +49,7 @@ pub(crate) fn write(
                     Morphology::Single => "single_arm",
                     Morphology::Bimanual => "bimanual",
                 };
-                let file = format!("{}.{name}.csv", file_name(policy));
+                let file = format!("{}.{name}.csv", policy.file_name());
                 let mut writer = csv::Writer::from_writer(Vec::new());
                 writer.write_record(HEADER)?;
                 rows.try_for_each(|row| writer.write_record(row.map(plain_text)))?;

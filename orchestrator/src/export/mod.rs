@@ -41,7 +41,7 @@ pub(crate) fn export(
     folder: &mut OutputFolder,
 ) -> anyhow::Result<Vec<PathBuf>> {
     let mut per_policy = |name: fn(&str) -> String, make: &dyn Fn(&EvaluatedPolicy) -> Value| {
-        let write = |policy: &EvaluatedPolicy| write_json(folder, &name(&file_name(policy)), &make(policy));
+        let write = |policy: &EvaluatedPolicy| write_json(folder, &name(&policy.file_name()), &make(policy));
         evaluation.policies.iter().map(write).collect::<anyhow::Result<Vec<PathBuf>>>()
     };
     match format {
@@ -68,11 +68,6 @@ pub(crate) fn export(
             vla_eval::benchmark_result(evaluation, policy, metric)
         }),
     }
-}
-
-/// Returns the name of a policy as part of a file name: it may contain that of a results file.
-fn file_name(policy: &EvaluatedPolicy) -> String {
-    policy.name.replace(['/', ':'], "_")
 }
 
 fn write_json(folder: &mut OutputFolder, name: &str, value: &Value) -> anyhow::Result<PathBuf> {

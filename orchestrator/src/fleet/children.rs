@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use ipc_types::link::Shortage;
 
-use super::SupervisorEvent;
+use super::event::SupervisorEvent;
 use super::member::{ChildExit, MemberRole};
 
 /// The children of a run, at most one per role, and the rest of the supervisor's world. Requests to a role

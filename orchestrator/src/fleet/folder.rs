@@ -10,8 +10,10 @@ use ipc_types::{Morphology, SCHEMA_HASH};
 use policy_host::PolicySpec;
 use serde::{Deserialize, Serialize};
 
+use super::config::FleetConfig;
 use super::error::{BaseError, FleetError};
-use super::{FleetConfig, FleetEvent, PolicyLane, Sink};
+use super::event::{FleetEvent, Sink};
+use crate::lanes::PolicyLane;
 
 /// Permission bits of everybody but the owner.
 const OTHERS: u32 = 0o077;

@@ -10,9 +10,9 @@ use ipc_types::allotment;
 use ipc_types::link::{Domain, Shortage};
 use rustix::process::{Resource, getrlimit};
 
-use super::SupervisorEvent;
 use super::children::Children;
 use super::clock::RunningClock;
+use super::event::SupervisorEvent;
 use super::member::{ChildExit, MemberRole};
 use super::process::{self, ChildProcess};
 

@@ -4,7 +4,7 @@ use std::iter::Peekable;
 
 use sim::serve::protocol::Driver;
 
-use super::IsWanted;
+use super::event::IsWanted;
 use crate::jobs::{DriverJobs, Job, JobList};
 
 /// A queue from which unwanted jobs disappear. Each driver has a limit of its own, so that one that does not

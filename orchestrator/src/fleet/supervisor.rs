@@ -3,88 +3,27 @@
 
 mod exits;
 mod policies;
+mod state;
 mod timeouts;
 
-use std::collections::BTreeMap;
-use std::iter::Sum;
 use std::time::Duration;
 
-use ipc_types::link::Domain;
 use ipc_types::trace::TraceSpan;
 use policy_host::serve::HostEvent;
 use sim::serve::protocol::{Driver, Outcome, SimCommand, SimEvent};
 
-use self::policies::Unconfirmed;
-use self::timeouts::WorkWatch;
-use super::children::Children;
+pub(crate) use self::state::Supervisor;
 use super::error::FleetError;
-use super::member::{Member, MemberRole};
+use super::event::{FleetEvent, RunStatus, SupervisorEvent};
+use super::member::MemberRole;
 use super::process::ChildOutput;
-use super::queue::JobQueue;
 use super::totals::{HostWork, Totals};
-use super::tuner::{EnvTuner, WorkSample};
-use super::{FleetConfig, FleetEvent, PolicyLane, RunStatus, Sink, SupervisorEvent};
-use crate::jobs::Job;
+use super::tuner::WorkSample;
 
 /// Maximum wait for an event before timeouts are checked.
 const TICK: Duration = Duration::from_millis(200);
 
-pub(crate) struct Supervisor<'a> {
-    config: &'a FleetConfig,
-    domain: &'a Domain,
-    children: &'a mut dyn Children,
-    sim: Member,
-    /// By lane; the member of a foreign host stays vacant.
-    hosts: Vec<Member>,
-    pending: JobQueue<'a>,
-    /// Jobs assigned to the sim, by assignment id.
-    outstanding: BTreeMap<u64, Job>,
-    next_id: u64,
-    /// Commands that the sim's last report lacked. What the next one lacks, too, is sent again.
-    unconfirmed: Unconfirmed,
-    /// By lane: `true` once its policy has failed too often.
-    given_up: Vec<bool>,
-    /// Chooses the number of envs, unless the user fixed it.
-    tuner: Option<EnvTuner>,
-    totals: Totals,
-    progress: WorkWatch,
-    /// Processes that the kernel had killed for lack of memory before, and children that it has killed since.
-    oom_kills: u64,
-    sink: &'a mut Sink<'a>,
-}
-
-impl<'a> Supervisor<'a> {
-    pub(crate) fn new(
-        config: &'a FleetConfig,
-        domain: &'a Domain,
-        children: &'a mut dyn Children,
-        pending: JobQueue<'a>,
-        sink: &'a mut Sink<'a>,
-    ) -> Self {
-        let (n_lanes, capacity, n_cores) = (config.lanes.len(), config.capacity, children.n_cores());
-        let mut totals = Totals::new(n_lanes, config.earlier_renderer.clone());
-        let oom_kills = children.oom_kills();
-        let foreign = |policy: &PolicyLane| policy.lane.foreign.then(|| policy.lane.spec.policy.clone());
-        totals.foreign = config.lanes.iter().map(foreign).collect();
-        Self {
-            config,
-            domain,
-            children,
-            sim: Member::default(),
-            hosts: std::iter::repeat_with(Member::default).take(n_lanes).collect(),
-            pending,
-            outstanding: BTreeMap::new(),
-            next_id: 0,
-            unconfirmed: Unconfirmed::default(),
-            given_up: vec![false; n_lanes],
-            tuner: capacity.tunes.then(|| EnvTuner::new(capacity.envs, capacity.max_envs, n_cores)),
-            totals,
-            progress: WorkWatch::default(),
-            oom_kills,
-            sink,
-        }
-    }
-
+impl Supervisor<'_> {
     /// Starts the children, runs until all episodes are finished or a stop is requested, and ends the
     /// children.
     pub(crate) fn run(mut self) -> Result<(RunStatus, Totals), FleetError> {
@@ -139,24 +78,6 @@ impl<'a> Supervisor<'a> {
             self.wait_for_exit(role);
         }
         result
-    }
-
-    fn start(&mut self, role: MemberRole) -> Result<(), FleetError> {
-        let config = match role {
-            MemberRole::Sim => serde_json::json!(self.config.sim(self.domain, self.envs())),
-            MemberRole::Host(lane) => serde_json::json!(self.config.host(self.domain, lane)),
-        };
-        self.children.spawn(role, &config.to_string()).map_err(|source| FleetError::Spawn {
-            name: self.name(role),
-            program: self.config.program.clone(),
-            source,
-        })?;
-        let now = self.children.now();
-        self.member(role).on_spawn(now);
-        if let Some(tuner) = &mut self.tuner {
-            tuner.interrupt();
-        }
-        Ok(())
     }
 
     fn on_output(&mut self, role: MemberRole, output: ChildOutput) -> Result<(), FleetError> {
@@ -221,16 +142,6 @@ impl<'a> Supervisor<'a> {
     fn measure_memory(&mut self) {
         let sum = self.sum_over_children(|children, role| children.memory_bytes(role));
         self.totals.memory_bytes = self.totals.memory_bytes.max(sum);
-    }
-
-    /// Sums what the system tells about the children that are alive.
-    fn sum_over_children<T: Sum>(&self, of: impl Fn(&dyn Children, MemberRole) -> Option<T>) -> T {
-        self.roles().into_iter().filter_map(|role| of(self.children, role)).sum()
-    }
-
-    /// Returns the number of episodes in progress at a time.
-    fn envs(&self) -> u32 {
-        self.tuner.as_ref().map_or(self.config.capacity.envs, |tuner| tuner.choice().envs)
     }
 
     /// Adjusts the number of envs to the costs so far, as long as there are episodes that wait for one.
@@ -300,42 +211,5 @@ impl<'a> Supervisor<'a> {
             self.hosts[lane as usize].reset_failures();
         }
         (self.sink)(FleetEvent::EpisodeFinished(&job, outcome)).map_err(FleetError::Sink)
-    }
-
-    /// Sends a command to the sim if it is ready. Otherwise it learns the state when it becomes ready.
-    fn send_to_sim(&mut self, command: &SimCommand) {
-        if self.sim.is_up() {
-            self.children.send(MemberRole::Sim, serde_json::json!(command).to_string());
-        }
-    }
-
-    fn log(&mut self, line: &str) -> Result<(), FleetError> {
-        (self.sink)(FleetEvent::Log(line)).map_err(FleetError::Sink)
-    }
-
-    fn name(&self, role: MemberRole) -> String {
-        match role {
-            MemberRole::Sim => "sim".to_owned(),
-            MemberRole::Host(lane) => {
-                format!("host of `{}`", self.config.lanes[lane as usize].lane.spec.policy)
-            }
-        }
-    }
-
-    fn member(&mut self, role: MemberRole) -> &mut Member {
-        match role {
-            MemberRole::Sim => &mut self.sim,
-            MemberRole::Host(lane) => &mut self.hosts[lane as usize],
-        }
-    }
-
-    fn hosted_lanes(&self) -> Vec<u32> {
-        let lanes = (0..).zip(&self.config.lanes);
-        lanes.filter(|(_, policy)| policy.spec.hosted()).map(|(lane, _)| lane).collect()
-    }
-
-    fn roles(&self) -> Vec<MemberRole> {
-        let hosts = self.hosted_lanes().into_iter().map(MemberRole::Host);
-        std::iter::once(MemberRole::Sim).chain(hosts).collect()
     }
 }

@@ -5,11 +5,16 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use ipc_types::link::LaneSpec;
+use ipc_types::Morphology;
+use ipc_types::link::{LaneSpec, SHM};
+use ipc_types::run_config::Execution;
+use policy_host::PolicySpec;
+use sim::serve::protocol::{Lane, Outcome};
 
 use super::member::Member;
 use super::*;
-use crate::jobs::JobList;
+use crate::capacity::Capacity;
+use crate::lanes::PolicyLane;
 use crate::plan::RunPlan;
 use crate::results::FinishedEpisodes;
 use crate::sweep::SweepArgs;
@@ -58,7 +63,7 @@ impl TestFleet {
         let config = FleetConfig {
             program,
             base: folder.path().join("base"),
-            shm: "/dev/shm".into(),
+            shm: SHM.into(),
             run_id: std::hash::BuildHasher::hash_one(&std::hash::RandomState::new(), 0),
             run: SweepArgs::parse("--threads 1").unwrap().config,
             earlier_renderer: None,

@@ -2,7 +2,7 @@
 
 use sim::serve::protocol::Counters;
 
-use super::tuner::EnvChoice;
+use super::env_choice::EnvChoice;
 
 /// Sums over all children, including those that have exited.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -24,8 +24,7 @@
 
 use std::time::Duration;
 
-use serde::Serialize;
-
+use super::env_choice::{EnvChoice, EnvTrial};
 use super::totals::{HostWork, Totals};
 
 /// Time after a change of the number before the next trial begins, and the shortest trial.
@@ -79,26 +78,6 @@ impl WorkSample {
             hosts: totals.lanes(),
         }
     }
-}
-
-/// Speed with a number of envs, predicted from its costs.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct EnvTrial {
-    pub(crate) envs: u32,
-    /// Predicted control steps per second.
-    pub(crate) predicted: f64,
-    /// Fraction of the core time that the children used.
-    pub(crate) utilisation: f64,
-}
-
-/// The current choice and the trials behind it.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub(crate) struct EnvChoice {
-    /// Number of envs.
-    pub(crate) envs: u32,
-    /// Largest number that memory, cores and episodes admit.
-    pub(crate) max_envs: u32,
-    pub(crate) trials: Vec<EnvTrial>,
 }
 
 #[derive(Debug)]

@@ -8,12 +8,11 @@ use sim::perturb::Modality;
 use sim::task::Category;
 
 use super::canvas::{Color, Figure, FigureLegend, INK, color};
-use super::content::{PolicyRole, PolicySummary, ReportContent};
+use super::content::{FittedLine, HardwareFit, PolicyRole, PolicySummary, ReportContent};
 use super::figures::{
     Bar, BarGroup, ForestRow, FpsSeries, RadarSeries, Scatter, StackRow, StepCurve, bars, forest, fps_svgs,
     radar, regression, stacks, success_over_time,
 };
-use super::hardware::{FittedLine, HardwareFit};
 use super::headlines::predicate_words;
 use crate::analysis::{CellSummary, ComparedGroup, Comparison, ComparisonKind, mean, morphology_name};
 

@@ -8,7 +8,7 @@ use ipc_types::input;
 use serde::Serialize;
 use thiserror::Error;
 
-use crate::plan::Condition;
+use crate::condition::Condition;
 use crate::selection::{parse_perturbation, parse_task};
 
 /// Optional measurements.

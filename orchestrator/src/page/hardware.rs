@@ -1,39 +1,9 @@
 //! Agreement of simulated success with success on hardware, by the paper's measures.
 
-use serde::Serialize;
-
-use super::content::ReportContent;
+use super::content::{FittedLine, HardwareFit, ReportContent};
 use super::external::HardwareTable;
 use crate::analysis::mean;
-use crate::plan::Condition;
-
-/// The points of one policy and their agreement.
-#[derive(Clone, Debug, Serialize)]
-pub(crate) struct HardwareFit {
-    /// Name of the policy.
-    pub(crate) policy: String,
-    /// Name of the task; `None` for all tasks.
-    pub(crate) task: Option<&'static str>,
-    /// Success in percent on hardware and in simulation, per condition that both have.
-    pub(crate) points: Vec<[f64; 2]>,
-    /// Least-squares line of simulation over hardware; `None` without two different values on hardware.
-    pub(crate) line: Option<FittedLine>,
-    /// Rank correlation; `None` if either side is constant.
-    pub(crate) spearman: Option<f64>,
-    /// Mean absolute difference in percentage points.
-    pub(crate) mean_difference: Option<f64>,
-    /// The same of the perturbed conditions, each side in percent of its own unperturbed success of the task.
-    pub(crate) mean_normalised_difference: Option<f64>,
-}
-
-/// Slope, offset and coefficient of determination of a least-squares line.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct FittedLine {
-    pub(crate) slope: f64,
-    pub(crate) offset: f64,
-    /// `None` if the values in simulation are constant.
-    pub(crate) r_squared: Option<f64>,
-}
+use crate::condition::Condition;
 
 /// A condition with its success in percent on hardware and in simulation.
 type Pair = (Condition, [f64; 2]);

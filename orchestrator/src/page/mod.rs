@@ -1,9 +1,10 @@
 //! The page of `hypogeum report`: one self-contained HTML file with figures and tables, and the same as data.
 //!
-//! It turns an evaluation into numbers (`content`), draws them (`figures`) and fills the template. It
+//! It turns an evaluation into numbers (`computation`), draws them (`figures`) and fills the template. It
 //! needs no network, and JavaScript only for sorting, filtering and highlighting.
 
 mod canvas;
+mod computation;
 mod content;
 mod drawings;
 mod external;
@@ -19,10 +20,11 @@ use minijinja::Environment;
 use serde::Serialize;
 
 use self::canvas::Figure;
-pub(crate) use self::content::{PageOptions, ReportContent};
+pub(crate) use self::computation::PageOptions;
+use self::content::HardwareFit;
+pub(crate) use self::content::ReportContent;
 pub(crate) use self::external::{ExternalData, FpsTable, HardwareTable, TableError};
 pub(crate) use self::figures::{FpsSeries, fps_svgs};
-use self::hardware::HardwareFit;
 use crate::analysis::EmbodimentDifference;
 use crate::statistics::Levels;
 

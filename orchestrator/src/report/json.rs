@@ -2,7 +2,8 @@
 
 use serde_json::{Value, json};
 
-use super::{Cell, Fps, effects};
+use super::Fps;
+use super::cell::{Cell, effects};
 use crate::analysis::Effect;
 
 /// Makes the object with the keys `run` (the manifest), `cells`, `changes`, `fps` and `ledger`. Cells of the

@@ -6,8 +6,10 @@ use sim::serve::protocol::{Counters, Latencies};
 use sim::{Perturbation, TaskId};
 
 use super::*;
+use crate::condition::Condition;
 use crate::fleet::{EnvChoice, EnvTrial, HostWork, Totals};
 use crate::machine::Cores;
+use crate::results::CellSums;
 use crate::sweep::SweepArgs;
 
 const CORES: Cores = Cores { count: 2, n_threads: 2, peak_gflop: Some(100.0) };

@@ -4,9 +4,9 @@ use std::collections::HashMap;
 
 use anyhow::Context;
 
+use super::file::ResultsFile;
 use super::manifest::{PLANS, StoredPlan};
-use super::rows::{ResultsFile, parse_condition};
-use crate::plan::Condition;
+use crate::condition::{Condition, parse_condition};
 
 /// Planned episodes of one cell that are missing.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -7,9 +7,9 @@ use rusqlite::types::{Value, ValueRef};
 use rusqlite::{Connection, Row};
 use xxhash_rust::xxh3::{Xxh3, xxh3_64_with_seed};
 
-use super::open::{ResultsFileError, not_used};
-use super::rows::parse_condition;
+use super::error::{ResultsFileError, not_used};
 use super::schema;
+use crate::condition::parse_condition;
 use crate::policy::is_plain;
 
 /// Bytes of the checksum at the end of stored actions.

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use ipc_types::RunConfig;
 use ipc_types::run_config::{Execution, ResultOptions};
@@ -11,11 +11,11 @@ use policy_host::PolicySpec;
 use rusqlite::{Connection, OptionalExtension, params};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use thiserror::Error;
 
-use super::open::{self, ResultsFileError};
+use super::error::{ManifestMismatch, ResultsFileError, not_used};
 use crate::build_identity;
-use crate::plan::{Condition, RunPlan};
+use crate::condition::Condition;
+use crate::plan::RunPlan;
 use crate::policy::Identity;
 
 /// Prefix of the keys under which identities of policies are stored.
@@ -55,19 +55,6 @@ pub(crate) struct Manifest {
     pub(crate) policies: BTreeMap<String, Identity>,
 }
 
-/// A difference between the manifest of a results file and the command.
-#[derive(Debug, Error, PartialEq, Eq)]
-#[error(
-    "failed to resume the results file {}: {}; use the same value, or another file with --db",
-    path.display(),
-    differences.join(", and ")
-)]
-pub(crate) struct ManifestMismatch {
-    path: PathBuf,
-    /// One clause per differing entry.
-    differences: Vec<String>,
-}
-
 impl Manifest {
     /// Makes the manifest of a plan. `identities` belong to its policies, in the same order.
     pub(crate) fn new(plan: &RunPlan, identities: Vec<Identity>) -> Self {
@@ -100,7 +87,7 @@ pub(crate) fn reconcile(
     path: &Path,
     manifest: &Manifest,
 ) -> Result<(), ResultsFileError> {
-    let sqlite = |error| open::not_used(path, error);
+    let sqlite = |error| not_used(path, error);
     let invalid = |key: &str| ResultsFileError::Manifest { path: path.into(), key: key.to_owned() };
     let difference = |field: &str, found: &dyn Display, requested: &dyn Display| {
         let [found, requested] = [found, requested].map(|value| match value.to_string() {

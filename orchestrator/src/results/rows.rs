@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
 use clap::ValueEnum;
@@ -11,68 +11,15 @@ use policy_host::PolicySpec;
 use rusqlite::Connection;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
-use sim::perturb::{Composition, Strength};
-use sim::{Profile, TaskId};
+use sim::Profile;
+use sim::perturb::Strength;
 
-use super::{gaps, manifest, open, schema};
+use super::file::{EpisodeRow, ResultsFile, TextIdx};
+use super::gaps::gaps;
+use super::{manifest, open, schema};
+use crate::condition::{Condition, parse_condition};
 use crate::output::print_message;
-use crate::plan::Condition;
 use crate::policy::{Identity, is_plain};
-use crate::selection::{parse_perturbation, parse_task};
-use crate::stopping::StoppingRule;
-
-/// Index of a string in [`ResultsFile::texts`].
-pub(crate) type TextIdx = u32;
-
-/// A results file in memory, without recorded actions.
-#[derive(Debug)]
-pub(crate) struct ResultsFile {
-    pub(crate) path: PathBuf,
-    /// Everything in the manifest except the policies, by key.
-    pub(crate) manifest: Map<String, Value>,
-    /// The rule that ended cells early, if there was one.
-    pub(crate) stopping: Option<StoppingRule>,
-    /// Policies by name.
-    pub(crate) policies: BTreeMap<String, Identity>,
-    /// Rows, sorted by policy, task name, perturbation name and episode.
-    pub(crate) rows: Vec<EpisodeRow>,
-    /// Names of policies, failed predicates and error messages, each once.
-    pub(crate) texts: Vec<String>,
-    /// `true` if a run is writing to the file at this moment.
-    pub(crate) in_use: bool,
-}
-
-/// One finished episode.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct EpisodeRow {
-    /// Name of the policy.
-    pub(crate) policy: TextIdx,
-    pub(crate) condition: Condition,
-    /// Index of the episode under the suite seed.
-    pub(crate) episode: u32,
-    pub(crate) seed: u64,
-    pub(crate) steps: u32,
-    pub(crate) success_once: bool,
-    pub(crate) success_at_end: bool,
-    pub(crate) first_success_step: Option<u32>,
-    /// First predicate that did not hold at the end.
-    pub(crate) failed_predicate: Option<TextIdx>,
-    /// `None` if the stored text is not a fingerprint.
-    pub(crate) fingerprint: Option<u64>,
-    /// The reason why the episode could not be run.
-    pub(crate) error: Option<TextIdx>,
-    /// Seconds of physics, rendering, policy and waiting.
-    pub(crate) times_s: [f32; 4],
-    /// `true` if the executed actions are stored.
-    pub(crate) has_actions: bool,
-}
-
-impl EpisodeRow {
-    /// Returns the seconds that the episode took, beside others.
-    pub(crate) fn seconds(&self) -> f64 {
-        self.times_s.iter().map(|part| f64::from(*part)).sum()
-    }
-}
 
 impl ResultsFile {
     /// Reads the file at `path`. Another process may be writing to it: then the rows are those of one moment.
@@ -112,32 +59,6 @@ impl ResultsFile {
             anyhow::Ok(file)
         };
         read().with_context(|| format!("failed to read the results file {}", path.display()))
-    }
-
-    /// Returns the name of a row's policy.
-    pub(crate) fn policy(&self, row: &EpisodeRow) -> &str {
-        &self.texts[row.policy as usize]
-    }
-
-    /// Returns `true` if a rule may have ended the cells of a policy early.
-    pub(crate) fn may_end_early(&self, policy: &str) -> bool {
-        self.stopping.as_ref().is_some_and(|rule| rule.policies.iter().any(|name| name == policy))
-    }
-
-    /// Returns the episodes per second of the runs that made the file; `None` if it does not say.
-    pub(crate) fn episodes_per_s(&self) -> Option<f64> {
-        self.wall_s().map(|wall_s| self.rows.len() as f64 / wall_s)
-    }
-
-    /// Returns the wall time of the runs that made the file; `None` if it does not say.
-    pub(crate) fn wall_s(&self) -> Option<f64> {
-        let wall_s = self.manifest.get(manifest::ENVIRONMENT)?.get("wall_s")?.as_f64()?;
-        (wall_s > 0.0).then_some(wall_s)
-    }
-
-    /// Returns the text of an index.
-    pub(crate) fn text(&self, idx: TextIdx) -> &str {
-        &self.texts[idx as usize]
     }
 }
 
@@ -244,10 +165,4 @@ fn read_rows(connection: &Connection, texts: &mut Texts) -> anyhow::Result<Vec<E
         bail!("it has no episodes");
     }
     Ok(rows)
-}
-
-pub(crate) fn parse_condition(task: &str, perturbation: &str) -> anyhow::Result<Condition> {
-    let task: TaskId = parse_task(task)?;
-    let perturbation: Composition = parse_perturbation(perturbation)?;
-    Ok(Condition { task, perturbation })
 }

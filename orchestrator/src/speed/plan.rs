@@ -4,14 +4,15 @@ use std::path::PathBuf;
 
 use ipc_types::RunConfig;
 use ipc_types::allotment::available_memory;
-use ipc_types::link::check_budget;
+use ipc_types::link::{SHM, check_budget};
 use ipc_types::run_config::{Amount, QueryMode};
 use sim::{Perturbation, TaskId};
 
 use super::point::{Series, SpeedPoint};
 use crate::capacity::{Capacity, ENV_BYTES};
-use crate::execution::{SHM, lanes};
-use crate::plan::{Condition, RunPlan};
+use crate::condition::Condition;
+use crate::lanes::lanes;
+use crate::plan::RunPlan;
 use crate::policy::NamedPolicy;
 
 /// Least number of queries of every env in a point, each with the control steps that follow it. The first

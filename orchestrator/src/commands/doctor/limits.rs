@@ -5,7 +5,7 @@ use std::path::Path;
 use ipc_types::allotment::{core_bounds, memory_bounds, n_cores};
 use rustix::process::{Resource, getrlimit, getuid};
 
-use super::{Check, CheckStatus};
+use super::check::{Check, CheckStatus};
 
 /// Memory below which few envs fit, in bytes.
 const COMFORTABLE_MEMORY: u64 = 1 << 30;

@@ -1,5 +1,6 @@
 //! `hypogeum doctor`: checks whether this machine is ready for runs, and says what to do where it is not.
 
+mod check;
 mod limits;
 
 use std::os::unix::fs::MetadataExt;
@@ -8,8 +9,8 @@ use std::process::{Command, Stdio};
 
 use clap::Args;
 use ipc_types::ControlMode;
+use ipc_types::link::SHM;
 use ipc_types::run_config::{RendererChoice, Samples};
-use serde::Serialize;
 use serde_json::json;
 use sim::demo::Recording;
 use sim::perturb::Strength;
@@ -19,6 +20,7 @@ use sim::show::EpisodeSpec;
 use sim::{Perturbation, Profile, TaskId};
 use xxhash_rust::xxh3::Xxh3Default;
 
+use self::check::{Check, CheckStatus};
 use crate::build_identity;
 use crate::exit::{ExitStatus, Failure};
 use crate::fleet;
@@ -44,44 +46,6 @@ pub(crate) struct DoctorArgs {
     pub(crate) python: String,
 }
 
-/// The result of a check.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-enum CheckStatus {
-    /// Ready.
-    Ok,
-    /// Works, but not everything or not well.
-    Warning,
-    /// Runs fail or give wrong results.
-    Problem,
-}
-
-/// One check.
-#[derive(Debug, Serialize)]
-struct Check {
-    name: &'static str,
-    status: CheckStatus,
-    /// Finding.
-    found: String,
-    /// Advice; empty if nothing is to be done.
-    advice: String,
-}
-
-impl Check {
-    fn new(
-        name: &'static str,
-        status: CheckStatus,
-        found: impl Into<String>,
-        advice: impl Into<String>,
-    ) -> Self {
-        Self { name, status, found: found.into(), advice: advice.into() }
-    }
-
-    fn ok(name: &'static str, found: impl Into<String>) -> Self {
-        Self::new(name, CheckStatus::Ok, found, "")
-    }
-}
-
 /// Runs all checks. The exit code is 1 if there is a problem.
 pub(crate) fn doctor(args: &DoctorArgs) -> Result<ExitStatus, Failure> {
     let mut checks = vec![shared_memory(), run_folder(), left_overs(), cpu()];
@@ -101,22 +65,9 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Result<ExitStatus, Failure> {
     Ok(if has_problem { ExitStatus::EpisodeErrors } else { ExitStatus::Success })
 }
 
-impl Check {
-    fn text(&self) -> String {
-        let mark = match self.status {
-            CheckStatus::Ok => "ok     ",
-            CheckStatus::Warning => "warning",
-            CheckStatus::Problem => "PROBLEM",
-        };
-        let advice =
-            if self.advice.is_empty() { String::new() } else { format!("\n         → {}", self.advice) };
-        format!("{mark}  {}: {}{advice}\n", self.name, self.found)
-    }
-}
-
 fn shared_memory() -> Check {
     const NAME: &str = "shared memory";
-    let shm = Path::new("/dev/shm");
+    let shm = Path::new(SHM);
     let stat = match rustix::fs::statvfs(shm) {
         Ok(stat) => stat,
         Err(error) => {
@@ -175,7 +126,7 @@ fn left_overs() -> Check {
     const NAME: &str = "left-overs";
     let uid = rustix::process::getuid().as_raw();
     let prefix = format!("hyp_{uid}_");
-    let entries = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+    let entries = std::fs::read_dir(SHM).into_iter().flatten().flatten();
     let named = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
     let ours = named.filter_map(|entry| entry.metadata().ok()).filter(|metadata| metadata.uid() == uid);
     let sizes: Vec<u64> = ours.map(|metadata| metadata.len()).collect();

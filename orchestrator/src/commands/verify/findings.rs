@@ -1,10 +1,11 @@
 //! Findings of a verification: differing columns, episodes that could not be run again, and missing ones.
 
+use std::collections::BTreeMap;
+
 use serde_json::{Value, json};
 use sim::scene::stream::episode_seed;
 use sim::serve::protocol::Outcome;
 
-use super::Unverifiable;
 use crate::results::{EpisodeRow, Gap, ResultsFile};
 use crate::stored_episode::format_fingerprint;
 use crate::table::{Align, TextTable};
@@ -16,6 +17,9 @@ pub(crate) struct Difference<'a> {
     stored: String,
     found: String,
 }
+
+/// Episodes that cannot be run again, with the reason, by policy.
+pub(crate) type Unverifiable = BTreeMap<String, (String, usize)>;
 
 /// Compares a row with its repetition. Times are left out: they are never the same.
 pub(crate) fn differences<'a>(

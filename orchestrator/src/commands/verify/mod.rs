@@ -2,7 +2,7 @@
 
 mod findings;
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::path::PathBuf;
 
 use anyhow::{Context, anyhow, ensure};
@@ -18,15 +18,18 @@ use serde_json::{Value, json};
 use sim::scene::stream::Stream;
 use sim::serve::protocol::Outcome;
 
-use self::findings::{Difference, count_rows, differences, gap_lines, json_report, text_report};
+use self::findings::{
+    Difference, Unverifiable, count_rows, differences, gap_lines, json_report, text_report,
+};
 use crate::build_identity;
+use crate::condition::Condition;
 use crate::execution::{execute, resolve};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::fleet::{FleetEvent, RunStatus};
 use crate::jobs::{Job, JobList, drivers};
 use crate::output::{print_message, print_out};
 use crate::package::Package;
-use crate::plan::{Condition, RunPlan};
+use crate::plan::RunPlan;
 use crate::policy::{Identity, NamedPolicy};
 use crate::progress::Progress;
 use crate::results::{ENVIRONMENT, EpisodeRow, ResultsFile, gaps};
@@ -62,9 +65,6 @@ pub(crate) struct VerifyArgs {
     #[arg(long)]
     pub(crate) quiet: bool,
 }
-
-/// Episodes that cannot be run again, with the reason, by policy.
-type Unverifiable = BTreeMap<String, (String, usize)>;
 
 /// Runs a sample of the episodes again and compares them with their rows.
 pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {

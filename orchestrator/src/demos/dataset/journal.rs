@@ -182,3 +182,14 @@ fn check_same_settings(path: &Path, found: &DatasetSettings, wanted: &DatasetSet
     }
     Ok(())
 }
+
+/// Returns the distinct instructions in the order of their first episodes.
+pub(crate) fn instructions<'a>(episodes: impl Iterator<Item = &'a EpisodeRecord>) -> Vec<&'a str> {
+    let mut distinct: Vec<&str> = Vec::new();
+    for episode in episodes {
+        if !distinct.contains(&episode.instruction.as_str()) {
+            distinct.push(&episode.instruction);
+        }
+    }
+    distinct
+}

@@ -8,10 +8,10 @@ use ipc_types::{ControlMode, Morphology};
 use policy_host::text::hashed;
 use serde_json::{Map, Value, json};
 
-use super::journal::{EpisodeRecord, Journal};
-use super::read::read_values;
+use super::features::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE, camera_feature};
+use super::journal::{EpisodeRecord, Journal, instructions};
 use super::stats::{FeatureStats, Histogram, QUANTILES};
-use super::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE, camera_feature, instructions};
+use super::values::read_values;
 use crate::build_identity;
 use crate::parquet_table::{Cells, Column, ParquetTable};
 

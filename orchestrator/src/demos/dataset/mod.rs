@@ -5,10 +5,12 @@
 //! lists it; an unfinished file is written again, so that an interrupted dataset ends up with the same bytes
 //! as an uninterrupted one. All other files in `meta/` are derived from that journal.
 
+mod features;
 mod journal;
 mod meta;
 mod read;
 mod stats;
+mod values;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +19,8 @@ use anyhow::Context;
 use ipc_types::Morphology;
 use policy_host::text::hashed_embedding;
 
-use self::journal::Journal;
+use self::features::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE, camera_feature};
+use self::journal::{Journal, instructions};
 use self::stats::{FeatureStats, Histogram};
 use crate::parquet_table::{Cells, Column, ParquetTable};
 use crate::stored_episode::format_fingerprint;
@@ -26,16 +29,8 @@ pub(crate) use self::journal::DatasetSettings;
 pub(crate) use self::journal::EpisodeRecord;
 pub(crate) use self::read::StoredDataset;
 
-/// Frames per second.
-const FPS: u32 = 20;
-/// Width of the instruction embedding.
-const LANGUAGE_DIM: usize = 64;
 /// Bytes of images after which a data file is closed.
 const FILE_BYTES: usize = 32 << 20;
-
-const STATE: &str = "observation.state";
-const LANGUAGE: &str = "observation.environment_state";
-const ACTION: &str = "action";
 
 /// Appends episodes to a dataset.
 pub(crate) struct DatasetWriter {
@@ -168,22 +163,6 @@ impl DatasetWriter {
         let known = instructions(self.episodes());
         known.iter().position(|other| *other == instruction).unwrap_or(known.len())
     }
-}
-
-/// Returns the distinct instructions in the order of their first episodes.
-fn instructions<'a>(episodes: impl Iterator<Item = &'a EpisodeRecord>) -> Vec<&'a str> {
-    let mut distinct: Vec<&str> = Vec::new();
-    for episode in episodes {
-        if !distinct.contains(&episode.instruction.as_str()) {
-            distinct.push(&episode.instruction);
-        }
-    }
-    distinct
-}
-
-/// Returns the name of a camera's feature.
-fn camera_feature(camera: &str) -> String {
-    format!("observation.images.{}", camera.strip_suffix("_camera").unwrap_or(camera))
 }
 
 /// Returns the rows of an episode and its journal record.

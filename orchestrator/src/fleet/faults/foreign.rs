@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use super::super::PolicyLane;
 use super::injector::FaultInjector;
 use super::scenario::FaultKind;
 use super::sim::LaneHost;
+use crate::lanes::PolicyLane;
 
 /// The foreign hosts, by lane.
 pub(crate) struct ForeignHosts(Vec<Option<ForeignHost>>);

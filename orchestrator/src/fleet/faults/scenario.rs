@@ -12,11 +12,12 @@ use sim::Perturbation;
 use sim::serve::protocol::{Driver, Lane};
 use sim::tasks::TaskId;
 
-use super::super::{FleetConfig, Limits, PolicyLane};
+use super::super::{FleetConfig, Limits};
 use super::injector::FaultInjector;
 use crate::capacity::Capacity;
+use crate::condition::Condition;
 use crate::jobs::Job;
-use crate::plan::Condition;
+use crate::lanes::PolicyLane;
 use crate::sweep::SweepArgs;
 
 /// Identity of the usual renderer.

@@ -1,10 +1,10 @@
 //! Children that have exited: the cause is found, their shared memory is freed, and they are replaced.
 
-use ipc_types::link::Domain;
+use sim::serve::protocol::SimCommand;
 
 use super::super::error::{FleetError, tightest_limit};
 use super::super::member::MemberRole;
-use super::{SimCommand, Supervisor};
+use super::state::Supervisor;
 
 impl Supervisor<'_> {
     /// Reaps a child, cleans up its shared memory and restarts it, unless it has failed too often or its
@@ -92,21 +92,6 @@ impl Supervisor<'_> {
         let line = format!("failed to free the shared memory of {}", self.name(role));
         self.log(&line)?;
         self.suspect(&line)
-    }
-
-    /// Ends the fleet if a file that every new child needs has disappeared. The services of a sim that has
-    /// exited do not count: its replacement makes them again.
-    pub(crate) fn check_files(&self) -> Result<(), FleetError> {
-        match self.children.lost_file() {
-            Some(path) if Domain::is_service(&path) && self.children.has_exited(MemberRole::Sim) => Ok(()),
-            Some(path) => Err(FleetError::Vanished { path }),
-            None => Ok(()),
-        }
-    }
-
-    /// Ends the fleet if its shared memory may be to blame and the episodes can continue in another fleet.
-    pub(crate) fn suspect(&self, what: &str) -> Result<(), FleetError> {
-        if self.config.can_move { Err(FleetError::Stuck { what: what.to_owned() }) } else { Ok(()) }
     }
 
     /// Waits for a child that was asked to exit. Its exit status does not matter.

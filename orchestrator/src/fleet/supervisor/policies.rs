@@ -2,24 +2,14 @@
 //! is told again.
 
 use std::collections::BTreeSet;
-use std::time::Duration;
 
-use sim::serve::protocol::{Driver, EpisodeLedger, Lane, Outcome, SimCommand};
+use sim::serve::protocol::{Driver, EpisodeLedger, Outcome, SimCommand};
 
-use super::super::FleetEvent;
 use super::super::error::FleetError;
+use super::super::event::FleetEvent;
 use super::super::member::MemberRole;
-use super::Supervisor;
+use super::state::{Supervisor, Unconfirmed};
 use crate::jobs::Job;
-
-/// Commands that a report of the sim lacked.
-#[derive(Debug, Default)]
-pub(crate) struct Unconfirmed {
-    /// Ids of the missing episodes.
-    episodes: BTreeSet<u64>,
-    /// Lanes whose host the sim does not know.
-    hosts: BTreeSet<u32>,
-}
 
 impl Supervisor<'_> {
     /// Handles a host that does not answer or answers incorrectly. A host of this fleet is killed, and
@@ -133,23 +123,6 @@ impl Supervisor<'_> {
             }
         }
         self.unconfirmed = Unconfirmed { episodes, hosts: lanes };
-    }
-
-    /// Returns the time within which the failures of a child count together.
-    pub(crate) fn failure_window(&self, role: MemberRole) -> Duration {
-        let limits = self.config.limits;
-        let longest = match role {
-            MemberRole::Sim => limits.sim_start + limits.silence,
-            MemberRole::Host(lane) => {
-                let lane: &Lane = &self.config.lanes[lane as usize].lane;
-                limits.host_start + Duration::from_secs(lane.answer_timeout_s.into())
-            }
-        };
-        longest * limits.failures
-    }
-
-    fn is_foreign(&self, lane: u32) -> bool {
-        self.config.lanes[lane as usize].lane.foreign
     }
 }
 

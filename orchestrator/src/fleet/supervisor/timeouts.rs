@@ -6,23 +6,7 @@ use sim::serve::protocol::Driver;
 
 use super::super::error::FleetError;
 use super::super::member::MemberRole;
-use super::Supervisor;
-
-/// The last sign that work is being done.
-#[derive(Debug, Default)]
-pub(crate) struct WorkWatch {
-    /// Control steps and queries of all children.
-    work: u64,
-    /// The time at which there was more work than before, or none to be done.
-    at: Duration,
-}
-
-impl WorkWatch {
-    /// Records that something has happened that no work shows.
-    pub(crate) fn on_event(&mut self, now: Duration) {
-        self.at = now;
-    }
-}
+use super::state::{Supervisor, WorkWatch};
 
 impl Supervisor<'_> {
     /// Kills a hung sim, and a child that does not get ready in time. Hung hosts are detected by the sim,

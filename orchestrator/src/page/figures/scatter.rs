@@ -1,7 +1,7 @@
 //! Charts with two numeric axes: simulation against hardware, and frames per second against environments.
 
 use crate::page::canvas::{AxisRange, Color, FigureLegend, color, svgs};
-use crate::page::hardware::FittedLine;
+use crate::page::content::FittedLine;
 
 /// Points of one series, in percent.
 pub(crate) struct Scatter {

@@ -1,13 +1,12 @@
 //! Tests of results files: storing, resuming and refusing.
 
-use std::path::Path;
-
 use sim::perturb::Composition;
 use sim::serve::protocol::{EpisodeLedger, Outcome};
 use sim::{Perturbation, TaskId};
 
 use super::*;
 use crate::fleet::FleetError;
+use crate::results::{RecordedEpisodes, ResultsFile, seal};
 use crate::sweep::SweepArgs;
 
 const CONDITION: Condition =

@@ -4,24 +4,18 @@
 //! index order, so that neither the order in which episodes finish nor the stopping itself biases them. Early
 //! stopping only omits episodes; it never changes one.
 
+mod rule;
+
 use std::collections::{BTreeMap, HashMap};
 
-use serde::{Deserialize, Serialize};
-
+pub(crate) use self::rule::StoppingRule;
+use crate::condition::Condition;
 use crate::jobs::Job;
-use crate::plan::{Condition, RunPlan};
+use crate::plan::RunPlan;
 use crate::results::{Results, StoreError};
 use crate::statistics::{
     ConfidenceSequence, Decision, Judgement, Levels, PairedSequence, TestedDifference, Verdict, judge,
 };
-
-/// The rule of a run, as the results file stores it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct StoppingRule {
-    /// Names of the two policies.
-    pub(crate) policies: [String; 2],
-    pub(crate) levels: Levels,
-}
 
 /// The state of a comparison during a run.
 #[derive(Debug)]
@@ -59,22 +53,13 @@ pub(crate) struct SequentialCell {
     pub(crate) verdict: Verdict,
 }
 
-impl StoppingRule {
-    /// Finds the policies of the rule in a plan. [`RunPlan::new`] has checked that they are there.
-    fn positions(&self, plan: &RunPlan) -> [usize; 2] {
-        let position = |name: &String| plan.policies.iter().position(|policy| policy.name == *name);
-        [&self.policies[0], &self.policies[1]]
-            .map(|name| position(name).expect("the plan has checked the names"))
-    }
-}
-
 impl Stopping {
     /// Starts with the episodes that the results file already has.
     ///
     /// # Errors
     /// If they cannot be read.
     pub(crate) fn new(rule: &StoppingRule, plan: &RunPlan, results: &Results) -> Result<Self, StoreError> {
-        let mut stopping = Self::of_conditions(rule, plan.conditions.iter().copied(), rule.positions(plan));
+        let mut stopping = Self::of_conditions(rule, plan.conditions.iter().copied(), positions(rule, plan));
         for (side, name) in rule.policies.iter().enumerate() {
             for (condition, episode, success) in results.successes(name)? {
                 // Episodes with an error are run again.
@@ -187,6 +172,12 @@ impl CellState {
         let strictest = levels.alpha / n_cells as f64;
         self.sequence.forecast(|future| future.p.min(future.equivalence_p) <= strictest)
     }
+}
+
+/// Finds the policies of the rule in a plan. [`RunPlan::new`] has checked that they are there.
+fn positions(rule: &StoppingRule, plan: &RunPlan) -> [usize; 2] {
+    let position = |name: &String| plan.policies.iter().position(|policy| policy.name == *name);
+    [&rule.policies[0], &rule.policies[1]].map(|name| position(name).expect("the plan has checked the names"))
 }
 
 #[cfg(test)]

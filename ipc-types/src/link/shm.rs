@@ -1,0 +1,4 @@
+//! The path of shared memory.
+
+/// Mount point of POSIX shared memory on Linux.
+pub const SHM: &str = "/dev/shm";
