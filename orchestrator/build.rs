@@ -9,8 +9,15 @@ use std::process::Command;
 use xxhash_rust::xxh3::Xxh3;
 
 /// The code that results depend on, from the folder of the workspace.
-const SOURCES: [&str; 6] =
-    ["Cargo.lock", "ipc-types/src", "policy-host/src", "sim/src", "sim/scene/src", "sim/render/src"];
+const SOURCES: [&str; 7] = [
+    "Cargo.lock",
+    "ipc-types/src",
+    "policy-host/src",
+    "run-config/src",
+    "sim/src",
+    "sim/scene/src",
+    "sim/render/src",
+];
 
 fn main() {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");

@@ -3,7 +3,6 @@
 //! Shapes throughout the project use these axes: `n_envs` (envs in a batch), `horizon` (rows of an action
 //! chunk), `action_dim` (width of an action row), and `state_dim` (width of a state vector).
 
-use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 /// Robot set-up of a task: one Franka Panda at a table, or two facing each other.
@@ -127,19 +126,18 @@ impl Morphology {
 
 /// Interpretation of an action row (docs/benchmark.md, "Robot and control"). A gripper entry is in [−1, 1]
 /// and maps to a target position of each finger: −1 to −0.01 m (squeeze), +1 to 0.04 m (open).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ValueEnum)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum ControlMode {
     /// Seven values in [−1, 1] per arm: translation (×0.1 m), rotation vector (×−0.1 rad), gripper. Relative
     /// to the measured TCP pose, in the arm's root frame.
-    #[value(name = "pd_ee_delta_pose")]
+    #[serde(rename = "pd_ee_delta_pose")]
     EeDeltaPose,
     /// Eight values per arm: seven absolute joint positions in rad, gripper.
-    #[value(name = "pd_joint_pos")]
+    #[serde(rename = "pd_joint_pos")]
     JointPos,
     /// Seven values per arm: TCP position in m and intrinsic XYZ Euler angles in rad, both in the arm's root
     /// frame, gripper.
-    #[value(name = "pd_ee_pose")]
+    #[serde(rename = "pd_ee_pose")]
     EePose,
 }
 
@@ -174,7 +172,7 @@ impl ControlMode {
         }
     }
 
-    /// Returns the name used in sweep files, which is ManiSkill's.
+    /// Returns the name used everywhere outside the program, which is ManiSkill's.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -199,6 +197,9 @@ mod tests {
             assert_eq!((mode.code(), ControlMode::from_code(code)), (code, Some(mode)));
         }
         assert_eq!((Morphology::from_code(2), ControlMode::from_code(3)), (None, None));
+        for mode in ControlMode::ALL {
+            assert_eq!(serde_json::to_value(mode).unwrap(), mode.name());
+        }
     }
 
     #[test]

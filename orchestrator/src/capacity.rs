@@ -1,9 +1,9 @@
 //! The numbers of envs that a run may use: what the user fixed, or what cores, memory and episodes admit.
 
-use ipc_types::allotment::{available_memory, n_cores};
 use ipc_types::link::{BudgetError, LaneSpec, SHM, check_budget};
-use ipc_types::run_config::Amount;
 use policy_host::PolicySpec;
+use run_config::Amount;
+use run_config::allotment::{available_memory, n_cores};
 
 use crate::lanes::lanes;
 use crate::plan::RunPlan;

@@ -98,7 +98,7 @@ impl Cli {
 mod tests {
     use std::ffi::OsStr;
 
-    use ipc_types::run_config::Execution;
+    use run_config::Execution;
 
     use super::*;
     use crate::sweep::SweepArgs;

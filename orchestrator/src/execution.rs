@@ -6,10 +6,10 @@ use std::hash::{BuildHasher, RandomState};
 use std::path::PathBuf;
 
 use anyhow::Context;
-use ipc_types::RunConfig;
 use ipc_types::link::{Domain, SHM};
-use ipc_types::run_config::Execution;
 use policy_host::{PolicyCheck, device};
+use run_config::Execution;
+use run_config::RunConfig;
 
 use crate::capacity::Capacity;
 use crate::exit::{Failure, OrUser};

@@ -5,7 +5,8 @@ use std::fmt;
 use std::process::ExitCode;
 
 use ipc_types::link::LinkError;
-use ipc_types::{cure, error_chain, is_refusal};
+use ipc_types::{cure, is_refusal};
+use run_config::error_chain;
 
 use crate::output::OutputError;
 use crate::results::StoreError;

@@ -6,7 +6,7 @@
 use std::ffi::OsString;
 use std::path::Path;
 
-use ipc_types::run_config::Execution;
+use run_config::Execution;
 use serde_json::Value;
 use sim::Perturbation;
 use sim::scene::stream::episode_seed;

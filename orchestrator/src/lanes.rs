@@ -2,8 +2,8 @@
 
 use ipc_types::layout::block_pages;
 use ipc_types::link::LaneSpec;
-use ipc_types::run_config::Execution;
 use policy_host::PolicySpec;
+use run_config::Execution;
 use sim::serve::protocol::{Driver, Lane};
 
 use crate::jobs::drivers;

@@ -59,8 +59,8 @@ use std::time::Instant;
 
 use anyhow::Context;
 use clap::CommandFactory;
-use ipc_types::allotment::n_cores;
-use ipc_types::{printable, shorten};
+use run_config::allotment::n_cores;
+use run_config::{printable, shorten};
 
 use crate::cli::{Cli, Command};
 use crate::commands::{

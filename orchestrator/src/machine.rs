@@ -1,7 +1,7 @@
 //! The machine that a run is executed on, as results name it.
 
-use ipc_types::allotment::n_cores;
 use policy_host::nn::peak::try_peak_gflop_per_s;
+use run_config::allotment::n_cores;
 use serde::Serialize;
 
 /// The facts about a machine that timings depend on.

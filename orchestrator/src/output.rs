@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use ipc_types::{one_line, printable};
+use run_config::{one_line, printable};
 use thiserror::Error;
 
 /// An error that occurred while writing results to stdout, such as a full disk.

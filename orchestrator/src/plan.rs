@@ -3,8 +3,9 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use ipc_types::run_config::{Execution, QueryMode, ResultOptions};
-use ipc_types::{ControlMode, Morphology, RunConfig};
+use ipc_types::{ControlMode, Morphology};
+use run_config::RunConfig;
+use run_config::{Execution, QueryMode, ResultOptions};
 use sim::TaskId;
 use sim::perturb::{Sentences, SentencesError};
 use thiserror::Error;
@@ -207,7 +208,7 @@ fn conditions(tasks: &[TaskId], selectors: &[PerturbationSelector]) -> Result<Ve
 
 #[cfg(test)]
 mod tests {
-    use ipc_types::run_config::Amount;
+    use run_config::Amount;
     use sim::{Perturbation, Profile};
 
     use super::*;
@@ -234,7 +235,7 @@ mod tests {
         assert_eq!((plan.episodes, plan.config), (10, RunConfig::default()));
         let RunConfig { results, resources, .. } = RunConfig::default();
         assert_eq!((results.seed, resources.envs, resources.threads), (0, Amount::Auto, Amount::Auto));
-        assert_eq!(resources.n_threads(), ipc_types::allotment::n_cores());
+        assert_eq!(resources.n_threads(), run_config::allotment::n_cores());
         assert_eq!(plan.executions, [Execution::chunk(30)]);
         assert_eq!(plan.db, PathBuf::from("hypogeum.db"));
     }

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use ipc_types::run_config::{Execution, QueryMode};
 use policy_host::checkpoint::{CheckpointFolderError, resolve};
 use policy_host::content::{CheckpointContent, ReadContentError};
 use policy_host::device::supports_gpu;
 use policy_host::{PolicySpec, PolicySpecError};
+use run_config::{Execution, QueryMode};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 

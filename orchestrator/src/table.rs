@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use ipc_types::one_line;
+use run_config::one_line;
 
 /// The alignment of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

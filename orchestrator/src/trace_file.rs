@@ -11,7 +11,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use ipc_types::trace::{Activity, TraceSpan};
+use run_config::trace::{Activity, TraceSpan};
 use serde_json::{Value, json};
 use sim::show::MARK;
 

@@ -8,7 +8,7 @@ use std::io::{self, Read};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use ipc_types::input;
+use run_config::input;
 use thiserror::Error;
 use xxhash_rust::xxh3::Xxh3Default;
 

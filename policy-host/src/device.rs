@@ -1,7 +1,7 @@
 //! The device on which the policies of a run compute.
 
-use ipc_types::RunConfig;
-use ipc_types::run_config::DeviceChoice;
+use run_config::DeviceChoice;
+use run_config::RunConfig;
 use thiserror::Error;
 
 use crate::spec::PolicySpec;

@@ -6,8 +6,8 @@
 //! largest weight (Zhao et al., Learning fine-grained bimanual manipulation with low-cost hardware, 2023,
 //! section 4).
 
-use ipc_types::run_config::MAX_ENVS;
 use ipc_types::{Morphology, ObservationView};
+use run_config::MAX_ENVS;
 
 use crate::policy::{ActionChunk, Policy, PolicyError, PolicyPipeline, Stopwatch};
 

@@ -1,7 +1,7 @@
 //! Execution of a checkpoint's chunks: as the user says, or else as the checkpoint does.
 
 use ipc_types::layout::MAX_HORIZON;
-use ipc_types::run_config::{Execution, QueryMode, QueryOptions};
+use run_config::{Execution, QueryMode, QueryOptions};
 use thiserror::Error;
 
 use crate::policy::DEFAULT_ENSEMBLE_DECAY;

@@ -27,7 +27,7 @@ pub mod weights;
 mod in_flight;
 mod rows;
 
-pub use ipc_types::run_config::QueryMode;
 pub use load::{LoadError, check, load, load_on, long_prompts};
 pub use policy::{ActionChunk, Policy, PolicyCheck, PolicyError};
+pub use run_config::QueryMode;
 pub use spec::{PolicySpec, PolicySpecError};

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use ipc_types::run_config::{DeviceChoice, QueryOptions};
 use ipc_types::{ControlMode, Morphology};
+use run_config::{DeviceChoice, QueryOptions};
 use thiserror::Error;
 
 use crate::QueryMode;

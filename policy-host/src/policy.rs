@@ -3,8 +3,8 @@
 
 use bytemuck::Zeroable;
 use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};
-use ipc_types::run_config::Execution;
 use ipc_types::{ActionBlock, EnvRecord, Morphology, ObservationView};
+use run_config::Execution;
 use thiserror::Error;
 
 /// Default decay `m` of a temporal ensemble's weights, as in the benchmark ([`crate::ensemble`]).

@@ -17,10 +17,9 @@ use std::time::{Duration, Instant};
 use bytemuck::Zeroable;
 use cpu_time::ProcessTime;
 use ipc_types::link::{HostLane, LinkError, LinkNode, ObservationMessage};
-use ipc_types::trace::{self, Activity};
-use ipc_types::{
-    ActionBlock, ActionHeader, Lifeline, Morphology, ObservationHeader, ObservationView, SCHEMA_HASH,
-};
+use ipc_types::{ActionBlock, ActionHeader, Morphology, ObservationHeader, ObservationView, SCHEMA_HASH};
+use run_config::Lifeline;
+use run_config::trace::{self, Activity};
 use thiserror::Error;
 
 pub use self::guard::CheckpointChangedError;
@@ -246,7 +245,7 @@ impl<W: Write> Host<W> {
         if let Err(error) = outcome {
             status = if error.is_damage() { ActionHeader::DAMAGED } else { 1 };
             loan.blocks_mut().fill(ActionBlock { n_rows: 1, action_dim: 1, ..ActionBlock::zeroed() });
-            self.report(&HostEvent::Failed { message: ipc_types::error_chain(&error) })?;
+            self.report(&HostEvent::Failed { message: run_config::error_chain(&error) })?;
         }
         drop(pending);
         let ObservationHeader { run, sequence, epoch, .. } = header;

@@ -1,6 +1,6 @@
 //! The differences between the two readings of the benchmark, [`Profile::Strict`] and [`Profile::Paper`].
 
-pub use ipc_types::run_config::Profile;
+pub use run_config::Profile;
 
 use scene::{DistractorPlacement, Range};
 

@@ -3,9 +3,10 @@
 use std::path::Path;
 use std::sync::LazyLock;
 
-use ipc_types::run_config::QueryOptions;
-use ipc_types::{ControlMode, Morphology, ObservationView, error_chain};
+use ipc_types::{ControlMode, Morphology, ObservationView};
 use policy_host::{ActionChunk, PolicySpec, QueryMode, check, load};
+use run_config::QueryOptions;
+use run_config::error_chain;
 use serde_json::Value;
 
 use super::edits::Edits;

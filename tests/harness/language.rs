@@ -1,8 +1,8 @@
 //! Files of paraphrases (`--language`).
 
-use ipc_types::error_chain;
 use ipc_types::layout::INSTRUCTION_BYTES;
-use ipc_types::run_config::LanguageFile;
+use run_config::LanguageFile;
+use run_config::error_chain;
 use sim::perturb::{Composition, Sentences, Strength};
 use sim::{Perturbation, Profile, TaskId};
 

@@ -1,7 +1,7 @@
 //! JSON between the processes of a run: configurations, commands and events.
 
-use ipc_types::error_chain;
 use policy_host::serve::{HostConfig, HostEvent};
+use run_config::error_chain;
 use serde_json::{Value, json};
 use sim::serve::protocol::{SimCommand, SimConfig, SimEvent};
 
@@ -25,7 +25,7 @@ pub fn run(data: &[u8]) -> bool {
 fn messages() -> Vec<Message> {
     let domain = json!({ "prefix": "hyp_0_1_", "root": "/tmp/1" });
     let spec = json!({ "lane": 0, "policy": "a", "max_envs": 8, "block_pages": 87, "in_flight": 2 });
-    let run = json!(ipc_types::RunConfig::default());
+    let run = json!(run_config::RunConfig::default());
     let lane =
         json!({ "spec": spec, "images": true, "foreign": false, "answer_timeout_s": 120, "execute": 30 });
     let sim = json!({

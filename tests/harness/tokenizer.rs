@@ -2,8 +2,8 @@
 
 use std::sync::LazyLock;
 
-use ipc_types::error_chain;
 use policy_host::pi05::prompt::{Prompter, TOKENIZER_FILE, prompt};
+use run_config::error_chain;
 
 use super::edits::Edits;
 use super::{refused, repository};

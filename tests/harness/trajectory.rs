@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use ipc_types::error_chain;
+use run_config::error_chain;
 use sim::physics::Parameters;
 use sim::trajectory::{Replay, Start, TrajectoryFile, read_actions};
 

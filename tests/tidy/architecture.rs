@@ -39,7 +39,7 @@ fn sim_and_policy_host_are_independent() {
 #[test]
 fn ipc_types_depends_on_no_other_member() {
     let manifest = manifest("ipc-types");
-    for name in ["sim", "policy-host", "orchestrator"] {
+    for name in ["run-config", "sim", "policy-host", "orchestrator", "clap"] {
         assert!(!manifest.contains(&format!("{name}.workspace")), "ipc-types depends on {name}");
     }
 }
@@ -105,7 +105,7 @@ fn episodes_have_no_hidden_inputs() {
     let outside =
         ["orchestrator/", "benches/", "tests/", "ipc-types/tests/", "policy-host/tests/", "sim/tests/"];
     // The batch system's limits change how many threads work, never what they compute.
-    let with_limits = [&outside[..], &["ipc-types/src/allotment.rs"]].concat();
+    let with_limits = [&outside[..], &["run-config/src/allotment.rs"]].concat();
     only_in("env::var", &with_limits, "an episode depends on no environment variable");
     // The link tells the age of what a killed process has left.
     let with_link = [&outside[..], &["ipc-types/src/link/"]].concat();

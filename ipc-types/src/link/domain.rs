@@ -263,11 +263,15 @@ impl Domain {
 
     /// Lists the files that exist from the moment at which the sim is ready until it has exited, whatever its
     /// hosts do: the lock, the segment in which nodes are counted, and last those in which the services list
-    /// their ports.
+    /// their ports. `sim` is its process id. Services of an earlier sim, which a host may still have open,
+    /// are not among them: the sim has not mapped those.
     #[must_use]
-    pub fn lasting_files(&self) -> Vec<PathBuf> {
+    pub fn lasting_files(&self, sim: u32) -> Vec<PathBuf> {
+        let maps = std::fs::read_to_string(format!("/proc/{sim}/maps")).unwrap_or_default();
+        let is_mapped = |path: &PathBuf| path.to_str().is_some_and(|path| maps.contains(path));
         let segments = self.segments().unwrap_or_default();
         let (services, others): (Vec<_>, _) = segments.into_iter().partition(|path| Self::is_service(path));
+        let services = services.into_iter().filter(is_mapped);
         let is_counter = |path: &PathBuf| path.extension().is_some_and(|name| name == "global_mgmt");
         let counter = others.into_iter().filter(is_counter);
         [DomainLease::path(&self.root)].into_iter().chain(counter).chain(services).collect()

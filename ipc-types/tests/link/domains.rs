@@ -154,6 +154,23 @@ fn segments_are_closed_to_other_users() {
     scratch.finish();
 }
 
+/// A host may hold the services of a sim that has been killed, and leaves them when it notices.
+#[test]
+fn services_of_an_earlier_sim_do_not_last() {
+    let scratch = Scratch::new();
+    let node = scratch.node();
+    let sim = create_sim(&node, &small_lane(1));
+    let host = open_host(&node, &small_lane(1));
+    let earlier = Path::new("/dev/shm").join(format!("{}earlier.dynamic", scratch.domain.prefix));
+    std::fs::write(&earlier, "").unwrap();
+    let lasting = scratch.domain.lasting_files(std::process::id());
+    let n_services = lasting.iter().filter(|path| Domain::is_service(path)).count();
+    assert!(n_services > 0 && lasting.len() == n_services + 2, "{lasting:?}");
+    assert!(!lasting.contains(&earlier) && lasting.iter().all(|path| path.exists()), "{lasting:?}");
+    drop((sim, host, node));
+    scratch.finish();
+}
+
 #[test]
 fn unwanted_host_stops_waiting() {
     let scratch = Scratch::new();

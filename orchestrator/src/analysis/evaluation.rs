@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use ipc_types::RunConfig;
+use run_config::RunConfig;
 use serde_json::{Map, Value};
 use thiserror::Error;
 

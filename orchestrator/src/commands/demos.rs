@@ -6,9 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use clap::Args;
-use ipc_types::allotment::n_cores;
-use ipc_types::run_config::{Profile, Strength};
 use ipc_types::{ControlMode, Morphology};
+use run_config::allotment::n_cores;
+use run_config::{Profile, Strength};
 use sim::perturb::Composition;
 
 use crate::build_identity;

@@ -5,11 +5,12 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::{Args, value_parser};
+use ipc_types::Morphology;
 use ipc_types::layout::MAX_HORIZON;
-use ipc_types::run_config::{Amount, ImageOptions, InferenceOptions, MAX_ENVS, QueryMode};
-use ipc_types::{Morphology, RunConfig};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::{PolicySpec, synthetic};
+use run_config::RunConfig;
+use run_config::{Amount, ImageOptions, InferenceOptions, MAX_ENVS, QueryMode};
 use serde_json::json;
 use sim::TaskId;
 

@@ -5,8 +5,8 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{bail, ensure};
 use clap::Args;
-use ipc_types::run_config::Samples;
 use rayon::prelude::*;
+use run_config::Samples;
 use sim::TaskId;
 use sim::demo::Recording;
 use sim::perturb::Composition;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use ipc_types::trace::{self, Activity, TraceSpan};
+use run_config::trace::{self, Activity, TraceSpan};
 use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
 use clap::Args;
-use ipc_types::run_config::{Profile, Samples, Strength};
+use run_config::{Profile, Samples, Strength};
 use sim::TaskId;
 use sim::perturb::Composition;
 use sim::scene::stream::episode_seed;

@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use ipc_types::Morphology;
 use ipc_types::link::Domain;
-use ipc_types::{Morphology, RunConfig};
 use policy_host::serve::HostConfig;
+use run_config::RunConfig;
 use sim::serve::protocol::{Lane, SimConfig};
 
 use crate::capacity::Capacity;

@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use ipc_types::allotment::memory_bounds;
+use ipc_types::is_refusal;
 use ipc_types::link::{LinkError, Shortage};
-use ipc_types::{error_chain, is_refusal};
+use run_config::allotment::memory_bounds;
+use run_config::error_chain;
 use thiserror::Error;
 
 use super::limits::LimitError;

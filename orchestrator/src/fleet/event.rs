@@ -1,6 +1,6 @@
 //! The events of a fleet: what its supervisor receives, and what it reports.
 
-use ipc_types::trace::TraceSpan;
+use run_config::trace::TraceSpan;
 use sim::serve::protocol::{Counters, Outcome};
 
 use super::member::MemberRole;

@@ -5,9 +5,9 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ipc_types::link::{Domain, LaneSpec};
-use ipc_types::run_config::{QueryMode, QueryOptions};
 use ipc_types::{Morphology, SCHEMA_HASH};
 use policy_host::PolicySpec;
+use run_config::{QueryMode, QueryOptions};
 use serde::{Deserialize, Serialize};
 
 use super::config::FleetConfig;

@@ -115,6 +115,11 @@ impl ChildProcess {
         Some((user + system) as f64 / rustix::param::clock_ticks_per_second() as f64)
     }
 
+    /// Returns the process id.
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Returns `true` if the child has exited. It can still be waited for.
     pub(crate) fn has_exited(&self) -> bool {
         let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use ipc_types::allotment;
 use ipc_types::link::{Domain, Shortage};
+use run_config::allotment;
 use rustix::process::{Resource, getrlimit};
 
 use super::children::Children;
@@ -127,7 +127,8 @@ impl Children for Processes<'_> {
     }
 
     fn watch_files(&mut self, is_ready: bool) {
-        self.files = if is_ready { self.domain.lasting_files() } else { Vec::new() };
+        let sim = self.by_role.get(&MemberRole::Sim).filter(|_| is_ready);
+        self.files = sim.map_or_else(Vec::new, |sim| self.domain.lasting_files(sim.id()));
     }
 
     fn lost_file(&self) -> Option<PathBuf> {

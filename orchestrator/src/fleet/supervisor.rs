@@ -8,8 +8,8 @@ mod timeouts;
 
 use std::time::Duration;
 
-use ipc_types::trace::TraceSpan;
 use policy_host::serve::HostEvent;
+use run_config::trace::TraceSpan;
 use sim::serve::protocol::{Driver, Outcome, SimCommand, SimEvent};
 
 pub(crate) use self::state::Supervisor;
@@ -56,6 +56,7 @@ impl Supervisor<'_> {
     /// requested. Episodes that finish meanwhile count.
     fn shut_down(&mut self) -> Result<(), FleetError> {
         let mut result = Ok(());
+        self.is_ending = true;
         for role in self.roles() {
             self.children.close(role);
         }

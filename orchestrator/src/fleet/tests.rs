@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use ipc_types::Morphology;
 use ipc_types::link::{LaneSpec, SHM};
-use ipc_types::run_config::Execution;
 use policy_host::PolicySpec;
+use run_config::Execution;
 use sim::serve::protocol::{Lane, Outcome};
 
 use super::member::Member;

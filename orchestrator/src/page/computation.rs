@@ -1,6 +1,6 @@
 //! The computation of a report's numbers from an evaluation.
 
-use ipc_types::run_config::QueryMode;
+use run_config::QueryMode;
 use serde_json::Value;
 use sim::Perturbation;
 

@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use ipc_types::input;
+use run_config::input;
 use serde::Serialize;
 use thiserror::Error;
 

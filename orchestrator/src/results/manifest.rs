@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::path::Path;
 
-use ipc_types::RunConfig;
-use ipc_types::run_config::{Execution, ResultOptions};
 use policy_host::PolicySpec;
+use run_config::RunConfig;
+use run_config::{Execution, ResultOptions};
 use rusqlite::{Connection, OptionalExtension, params};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};

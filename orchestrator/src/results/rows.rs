@@ -5,7 +5,6 @@ use std::fs::File;
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
-use clap::ValueEnum;
 use ipc_types::ControlMode;
 use policy_host::PolicySpec;
 use rusqlite::Connection;
@@ -103,9 +102,7 @@ fn read_manifest(
     check_option::<Profile>(&manifest, "profile")?;
     check_option::<Strength>(&manifest, "strength")?;
     check_option::<u64>(&manifest, "seed")?;
-    let control_mode: String = check_option(&manifest, "control_mode")?;
-    let is_known = ControlMode::from_str(&control_mode, false).is_ok();
-    ensure!(is_known, "its manifest has `{control_mode}` as control_mode");
+    check_option::<ControlMode>(&manifest, "control_mode")?;
     check_option::<u32>(&manifest, "latency")?;
     let shared = manifest::SHARED_EXECUTION.map(|key| (key, manifest.remove(key)));
     let entry = |key: &str| {

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use ipc_types::RunConfig;
-use ipc_types::allotment::available_memory;
 use ipc_types::link::{SHM, check_budget};
-use ipc_types::run_config::{Amount, QueryMode};
+use run_config::RunConfig;
+use run_config::allotment::available_memory;
+use run_config::{Amount, QueryMode};
 use sim::{Perturbation, TaskId};
 
 use super::point::{Series, SpeedPoint};
@@ -137,7 +137,7 @@ fn too_large(plan: &RunPlan, available: Option<u64>) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use ipc_types::run_config::Execution;
+    use run_config::Execution;
 
     use super::*;
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ipc_types::run_config::QueryMode;
+use run_config::QueryMode;
 use serde::{Deserialize, Serialize};
 
 use crate::fleet::Totals;

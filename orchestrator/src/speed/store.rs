@@ -126,7 +126,7 @@ fn check(found: &SpeedSettings, expected: &SpeedSettings, path: &Path) -> Result
 mod tests {
     use std::time::Duration;
 
-    use ipc_types::run_config::QueryMode;
+    use run_config::QueryMode;
     use serde_json::json;
     use sim::serve::protocol::Counters;
 

@@ -1,6 +1,6 @@
 //! Sweep files: the options of `run` as TOML keys.
 //!
-//! A key is the name of a field of [`SweepArgs`] or [`RunConfig`](ipc_types::RunConfig). Its value is
+//! A key is the name of a field of [`SweepArgs`] or [`RunConfig`](run_config::RunConfig). Its value is
 //! translated into the flag of that field, so that the command line's parser is the only one and an option
 //! needs no second declaration.
 
@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 
 use clap::error::{ContextKind, ContextValue};
 use clap::{Arg, ArgAction, Args, Command};
-use ipc_types::input;
-use ipc_types::run_config::LanguageFile;
+use run_config::LanguageFile;
+use run_config::input;
 use thiserror::Error;
 use toml::{Spanned, Value};
 

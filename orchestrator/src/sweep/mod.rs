@@ -5,7 +5,7 @@ pub(crate) mod file;
 use std::path::PathBuf;
 
 use clap::Args;
-use ipc_types::RunConfig;
+use run_config::RunConfig;
 
 use crate::policy::NamedPolicy;
 use crate::selection::{PerturbationSelector, TaskSelector};

@@ -8,10 +8,10 @@
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use ipc_types::run_config::QueryOptions;
-use ipc_types::trace::{self, Activity};
 use ipc_types::{ControlMode, Morphology, ObservationView};
 use rayon::prelude::*;
+use run_config::QueryOptions;
+use run_config::trace::{self, Activity};
 
 use super::architecture::ImageSize;
 use super::image::{IMAGE_SIZES, Image};

@@ -48,7 +48,6 @@ pub struct ActConfig {
     #[serde(deserialize_with = "Option::deserialize")]
     pub morphology: Option<Morphology>,
     /// Control mode of its actions, under ManiSkill's name.
-    #[serde(with = "super::control_mode")]
     pub control_mode: ControlMode,
     /// Dimension of the state vector.
     pub state_dim: usize,

@@ -3,8 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-use ipc_types::run_config::{Execution, QueryOptions};
 use ipc_types::{ControlMode, Morphology};
+use run_config::{Execution, QueryOptions};
 use thiserror::Error;
 
 use super::error::CheckpointError;

@@ -30,7 +30,8 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-use ipc_types::{ControlMode, Morphology, input};
+use ipc_types::{ControlMode, Morphology};
+use run_config::input;
 use serde::Deserialize;
 
 use super::error::CheckpointError;
@@ -63,7 +64,6 @@ pub struct ObservationMapping {
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct Sidecar {
     pub(crate) morphology: Option<Morphology>,
-    #[serde(deserialize_with = "super::control_mode::deserialize_optional")]
     pub(crate) control_mode: Option<ControlMode>,
     pub(crate) mapping: BTreeMap<String, FeatureSource>,
     pub(crate) language: Option<LanguageConfig>,

@@ -10,7 +10,6 @@ pub mod lerobot;
 pub mod mapping;
 pub mod pi05;
 
-mod control_mode;
 mod description;
 mod error;
 mod feature;
@@ -24,7 +23,7 @@ mod statistics;
 
 use std::path::{Path, PathBuf};
 
-use ipc_types::input;
+use run_config::input;
 
 use self::description::Description;
 pub use self::error::CheckpointError;

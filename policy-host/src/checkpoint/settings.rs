@@ -44,7 +44,7 @@ type Entries = Features<Box<RawValue>>;
 impl Settings {
     /// Reads the object in the file at `path`.
     pub(crate) fn read(path: &Path) -> Result<Self, CheckpointError> {
-        let text = ipc_types::input::read(path)
+        let text = run_config::input::read(path)
             .map_err(|source| CheckpointError::Read { path: path.to_owned(), source })?;
         Self::parse(path, &text)
     }

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use ipc_types::run_config::QueryOptions;
 use ipc_types::{ControlMode, Morphology, ObservationView};
+use run_config::QueryOptions;
 
 use super::model::Pi05Model;
 use super::processor::Pi05Processor;

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use ipc_types::input;
+use run_config::input;
 use sentencepiece_rs::SentencePieceProcessor;
 use serde::Deserialize;
 use thiserror::Error;

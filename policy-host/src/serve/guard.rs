@@ -69,7 +69,7 @@ impl CheckpointChangedError {
                 format!("is the same now, but {file} was written to")
             }
             Ok(now) => format!("is {now} now"),
-            Err(error) => format!("cannot be computed now ({})", ipc_types::error_chain(&error)),
+            Err(error) => format!("cannot be computed now ({})", run_config::error_chain(&error)),
         };
         Self { folder: folder.to_owned(), expected: expected.to_owned(), found }
     }

@@ -1,9 +1,10 @@
 //! Messages between a policy host and its parent: the configuration at start and the events that come back.
 
+use ipc_types::Morphology;
 use ipc_types::link::{Domain, LaneSpec};
-use ipc_types::run_config::Execution;
-use ipc_types::trace::TraceSpan;
-use ipc_types::{Morphology, RunConfig};
+use run_config::Execution;
+use run_config::RunConfig;
+use run_config::trace::TraceSpan;
 use serde::{Deserialize, Serialize};
 
 use crate::PolicySpec;

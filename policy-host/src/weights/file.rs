@@ -8,7 +8,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use half::{bf16, f16};
-use ipc_types::input;
+use run_config::input;
 use safetensors::Dtype;
 use safetensors::tensor::{Metadata, TensorInfo};
 

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use half::{bf16, f16};
-use ipc_types::input;
 use memmap2::Mmap;
 use rayon::prelude::*;
+use run_config::input;
 use safetensors::Dtype;
 use serde::Deserialize;
 

@@ -4,14 +4,15 @@
 use std::fs;
 use std::path::Path;
 
-use ipc_types::run_config::QueryOptions;
-use ipc_types::{ControlMode, Morphology, error_chain};
+use ipc_types::{ControlMode, Morphology};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::synthetic::{tensor, write_checkpoint};
 use policy_host::text::LanguageConfig;
 use policy_host::text::clip::{ClipText, ClipTokenizer, TowerShape, WeightsFingerprint};
 use policy_host::weights::TensorSpec;
 use policy_host::{PolicySpec, QueryMode, check, load};
+use run_config::QueryOptions;
+use run_config::error_chain;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::Deserialize;
 use tempfile::TempDir;

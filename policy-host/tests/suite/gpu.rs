@@ -6,12 +6,12 @@
 use std::path::Path;
 
 use ipc_types::Morphology;
-use ipc_types::run_config::DeviceChoice;
 use policy_host::act::GpuActPolicy;
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::ensemble::Ensemble;
 use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, GpuDevice, GpuError};
 use policy_host::policy::{ActionChunk, Policy, PolicyPipeline};
+use run_config::DeviceChoice;
 
 use policy_host::synthetic::write_checkpoint;
 

@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
-use ipc_types::run_config::QueryOptions;
-use ipc_types::{ControlMode, Morphology, ObservationView, error_chain};
+use ipc_types::{ControlMode, Morphology, ObservationView};
 use policy_host::act::architecture::ImageSize;
 use policy_host::act::image::Image;
 use policy_host::act::model::{ActInput, ActModel};
 use policy_host::checkpoint::Checkpoint;
 use policy_host::ensemble::Ensemble;
 use policy_host::{ActionChunk, Policy, PolicyError, PolicySpec, QueryMode, check, load};
+use run_config::QueryOptions;
+use run_config::error_chain;
 use safetensors::SafeTensors;
 
 use crate::batch::ObservationBatch;

@@ -4,13 +4,13 @@ use std::io::{self, BufRead, BufReader, PipeWriter};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use ipc_types::RunConfig;
 use ipc_types::link::{Domain, LaneSpec, LinkNode, SimLane, SimLink};
-use ipc_types::run_config::Amount;
-use ipc_types::run_config::Execution;
 use ipc_types::{ActionHeader, ActionView, Morphology, ObservationHeader};
 use policy_host::serve::{HostConfig, HostEvent, ServeError, serve_with};
 use policy_host::{PolicySpec, QueryMode};
+use run_config::Amount;
+use run_config::Execution;
+use run_config::RunConfig;
 
 use crate::batch::ObservationBatch;
 use crate::{data, rows};
@@ -196,7 +196,7 @@ fn idle_host_exits_when_input_closes() {
 #[cfg(feature = "gpu")]
 #[test]
 fn device_holds_two_observations() {
-    use ipc_types::run_config::DeviceChoice;
+    use run_config::DeviceChoice;
     if crate::gpu::policy().is_none() {
         return;
     }

@@ -21,7 +21,7 @@ mod texture;
 pub use cpu::{CpuOptions, CpuRenderer, Inspection, Segment};
 #[cfg(feature = "gpu")]
 pub use gpu::GpuRenderer;
-pub use ipc_types::run_config::{RendererChoice, Samples};
 pub use open::open;
 pub use prepared::RenderScene;
 pub use renderer::{OpenRendererError, RenderError, Renderer, View};
+pub use run_config::{RendererChoice, Samples};

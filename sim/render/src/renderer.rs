@@ -1,6 +1,6 @@
 //! The interface of all renderers: views, errors, and the trait.
 
-use ipc_types::run_config::Samples;
+use run_config::Samples;
 use thiserror::Error;
 
 use super::prepared::RenderScene;

@@ -9,6 +9,6 @@ mod perturbation;
 mod sentences;
 
 pub use composition::{Composition, CompositionError};
-pub use ipc_types::run_config::{Strength, StrengthError};
 pub use perturbation::{Modality, NotApplicable, Perturbation};
+pub use run_config::{Strength, StrengthError};
 pub use sentences::{Sentences, SentencesError};

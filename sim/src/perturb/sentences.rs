@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use ipc_types::layout::INSTRUCTION_BYTES;
-use ipc_types::run_config::{LanguageFile, LanguageFileError};
+use run_config::{LanguageFile, LanguageFileError};
 use saphyr::{LoadableYamlNode, Yaml};
 use thiserror::Error;
 
@@ -150,7 +150,7 @@ mod tests {
         let path = folder.path().join("sentences.yaml");
         std::fs::write(&path, text).unwrap();
         let shown = |error: &dyn std::error::Error| {
-            ipc_types::error_chain(error).replace(&format!("{}/", folder.path().display()), "")
+            run_config::error_chain(error).replace(&format!("{}/", folder.path().display()), "")
         };
         let file = LanguageFile::open(&path).map_err(|error| shown(&error))?;
         Sentences::read(&file).map_err(|error| shown(&error))
@@ -209,6 +209,6 @@ mod tests {
             read("a: [x]\nb: [y]\n").unwrap().require(TaskId::RaiseCube.task(), Profile::Strict).unwrap_err();
         assert!(missing.to_string().ends_with("its keys are `a`, `b`"), "{missing}");
         let absent = LanguageFile::open(Path::new("/nonexistent/sentences.yaml")).unwrap_err();
-        assert!(ipc_types::error_chain(&absent).contains("failed to read /nonexistent/sentences.yaml: "));
+        assert!(run_config::error_chain(&absent).contains("failed to read /nonexistent/sentences.yaml: "));
     }
 }

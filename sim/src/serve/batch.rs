@@ -7,7 +7,7 @@ use cpu_time::ProcessTime;
 use ipc_types::Morphology;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, Page};
-use ipc_types::trace::{self, Activity};
+use run_config::trace::{self, Activity};
 
 use super::slots::{LaneTally, Slots};
 use render::{RenderError, Renderer, View};

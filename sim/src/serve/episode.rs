@@ -3,8 +3,9 @@
 use std::time::Instant;
 
 use ipc_types::layout::MAX_ACTION_DIM;
-use ipc_types::run_config::ResultOptions;
-use ipc_types::{ActionBlock, ControlMode, EnvRecord, FrameError, Morphology, RunConfig, error_chain};
+use ipc_types::{ActionBlock, ControlMode, EnvRecord, FrameError, Morphology};
+use run_config::ResultOptions;
+use run_config::{RunConfig, error_chain};
 use thiserror::Error;
 
 use super::chunk::ChunkBuffer;

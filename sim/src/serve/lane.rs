@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use ipc_types::layout::{ACTION_PAGES, block_pages};
 use ipc_types::link::{ActionMessage, LinkError, LinkNode, SimLane};
-use ipc_types::trace::{self, Activity};
 use ipc_types::{
     ActionHeader, ActionView, ControlMode, FrameError, Morphology, ObservationHeader, Page, SCHEMA_HASH,
 };
+use run_config::trace::{self, Activity};
 use thiserror::Error;
 
 use super::protocol::{Lane, Latencies};

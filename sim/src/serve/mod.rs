@@ -19,8 +19,9 @@ use std::time::{Duration, Instant};
 
 use cpu_time::ProcessTime;
 use ipc_types::link::{LinkError, LinkNode, SimLink};
-use ipc_types::trace::{self, Activity};
-use ipc_types::{ActionView, FrameError, RunConfig, error_chain};
+use ipc_types::{ActionView, FrameError};
+use run_config::trace::{self, Activity};
+use run_config::{RunConfig, error_chain};
 use thiserror::Error;
 
 use self::batch::{BatchWriter, batch_size};

@@ -3,7 +3,7 @@
 use std::io::{self, BufRead, BufReader, Write};
 use std::sync::mpsc::{Receiver, sync_channel};
 
-use ipc_types::Lifeline;
+use run_config::Lifeline;
 
 use super::protocol::{SimCommand, SimEvent};
 

@@ -3,9 +3,9 @@
 //!
 //! Observations and actions never pass through here; they travel over the link.
 
-use ipc_types::RunConfig;
 use ipc_types::link::{Domain, LaneSpec};
-use ipc_types::trace::TraceSpan;
+use run_config::RunConfig;
+use run_config::trace::TraceSpan;
 use serde::{Deserialize, Serialize};
 
 pub use super::latencies::Latencies;

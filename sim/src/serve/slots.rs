@@ -3,9 +3,9 @@
 use std::collections::{HashSet, VecDeque};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use ipc_types::RunConfig;
-use ipc_types::trace::{self, Activity};
 use rayon::prelude::*;
+use run_config::RunConfig;
+use run_config::trace::{self, Activity};
 
 use super::episode::{RunningEpisode, Status};
 use super::protocol::{Assignment, Driver, Outcome, SimConfig};

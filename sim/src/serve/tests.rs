@@ -6,10 +6,10 @@ use std::sync::mpsc::sync_channel;
 
 use bytemuck::Zeroable;
 use ipc_types::link::{Domain, HostLane, LaneSpec};
-use ipc_types::run_config::Amount;
 use ipc_types::{
     ActionBlock, ActionHeader, ControlMode, Morphology, ObservationHeader, ObservationView, Page,
 };
+use run_config::Amount;
 
 use super::protocol::{Assignment, Driver, Lane};
 use super::slots::LaneTally;

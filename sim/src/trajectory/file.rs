@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use ipc_types::input;
+use run_config::input;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use ipc_types::allotment::{core_bounds, memory_bounds, n_cores};
+use run_config::allotment::{core_bounds, memory_bounds, n_cores};
 use rustix::process::{Resource, getrlimit, getuid};
 
 use super::check::{Check, CheckStatus};

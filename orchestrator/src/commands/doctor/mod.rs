@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 use clap::Args;
 use ipc_types::ControlMode;
 use ipc_types::link::SHM;
-use ipc_types::run_config::{RendererChoice, Samples};
+use run_config::{RendererChoice, Samples};
 use serde_json::json;
 use sim::demo::Recording;
 use sim::perturb::Strength;
@@ -219,7 +219,7 @@ fn vulkan() -> Check {
         Err(error) => {
             let advice =
                 "runs render on the CPU; for a GPU install its Vulkan driver (vulkaninfo must list it)";
-            Check::new(NAME, CheckStatus::Warning, ipc_types::error_chain(&error), advice)
+            Check::new(NAME, CheckStatus::Warning, run_config::error_chain(&error), advice)
         }
     }
 }

@@ -7,13 +7,13 @@ use std::path::PathBuf;
 
 use anyhow::{Context, anyhow, ensure};
 use clap::Args;
-use ipc_types::RunConfig;
-use ipc_types::run_config::{
+use policy_host::PolicySpec;
+use policy_host::device::{self, DeviceRequest};
+use run_config::RunConfig;
+use run_config::{
     Amount, DeviceChoice, Execution, ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions,
     Samples,
 };
-use policy_host::PolicySpec;
-use policy_host::device::{self, DeviceRequest};
 use serde_json::{Value, json};
 use sim::scene::stream::Stream;
 use sim::serve::protocol::Outcome;

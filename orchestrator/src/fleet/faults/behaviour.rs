@@ -125,7 +125,7 @@ impl FakeWorld<'_, '_> {
             }
         }
         let events =
-            if is_closed { vec![sim.progress()] } else { sim.tick(self.time, &hosts, &mut self.draw) };
+            if is_closed { sim.on_closed(&hosts) } else { sim.tick(self.time, &hosts, &mut self.draw) };
         for lane in 0..hosts.len() {
             let answered = sim.take_answered(lane);
             if let Some(child) = self.children.get_mut(&MemberRole::Host(lane as u32))
@@ -169,6 +169,9 @@ impl FakeWorld<'_, '_> {
 
     /// Ends a child, or closes only its stdout.
     pub(crate) fn end(&mut self, role: MemberRole, child: &mut FakeChild, status: ExitStatus) {
+        if role == MemberRole::Sim && status.success() {
+            self.lose_services();
+        }
         if !child.is_closed {
             if !status.success() && self.draw.strikes(FaultKind::TruncateLine, self.time) {
                 self.truncate_last_line(role);

@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 use std::time::Duration;
 
+use ipc_types::Morphology;
 use ipc_types::link::LaneSpec;
-use ipc_types::run_config::Execution;
-use ipc_types::{Morphology, RunConfig};
 use policy_host::PolicySpec;
+use run_config::Execution;
+use run_config::RunConfig;
 use sim::Perturbation;
 use sim::serve::protocol::{Driver, Lane};
 use sim::tasks::TaskId;

@@ -187,6 +187,18 @@ impl FakeSim {
         was_connected.then(|| self.lose_host(lane))
     }
 
+    /// Returns the last events: those that a sim writes which notices first that its hosts have left.
+    pub(crate) fn on_closed(&mut self, hosts: &[Option<LaneHost>]) -> Vec<SimEvent> {
+        let mut events = vec![self.progress()];
+        for (lane, state) in (0..).zip(&self.lanes) {
+            if state.connected && !state.foreign && hosts[lane as usize].is_none() {
+                let message = format!("the host of policy `{}` has left", state.policy);
+                events.push(SimEvent::LaneFailed { lane, message, is_final: false });
+            }
+        }
+        events
+    }
+
     fn lose_host(&mut self, lane: u32) -> SimEvent {
         self.drop_host(lane);
         SimEvent::HostLost { lane }

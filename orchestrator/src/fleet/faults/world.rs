@@ -171,6 +171,13 @@ impl<'a, 's> FakeWorld<'a, 's> {
         }
     }
 
+    /// Removes the services, as a sim does that leaves in order, or who frees the memory of one that has not.
+    pub(crate) fn lose_services(&mut self) {
+        if self.needs_files {
+            self.lost_file = self.lost_file.or(Some("lane.dynamic"));
+        }
+    }
+
     /// Ends a process that has not ended yet.
     fn kill_now(&mut self, role: MemberRole) {
         if let Some(mut child) = self.children.remove(&role) {
@@ -295,8 +302,8 @@ impl Children for FakeWorld<'_, '_> {
 
     fn free_memory(&mut self) -> bool {
         self.history.borrow_mut().has_garbage = false;
-        if self.needs_files && self.has_exited(MemberRole::Sim) {
-            self.lost_file = self.lost_file.or(Some("lane.dynamic"));
+        if self.has_exited(MemberRole::Sim) {
+            self.lose_services();
         }
         if !self.draw.strikes(FaultKind::SlowCleanup, self.time) {
             return true;

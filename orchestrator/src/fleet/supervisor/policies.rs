@@ -20,7 +20,8 @@ impl Supervisor<'_> {
         message: String,
         is_final: bool,
     ) -> Result<(), FleetError> {
-        if self.given_up[lane as usize] {
+        // Children that were asked to exit leave in any order, and take the services with them.
+        if self.is_ending || self.given_up[lane as usize] {
             return Ok(());
         }
         self.check_files()?;
@@ -51,7 +52,7 @@ impl Supervisor<'_> {
         self.progress.on_event(now);
         let policy = &self.config.lanes[lane as usize].lane.spec.policy;
         let line = format!("a host of policy `{policy}` left");
-        if self.given_up[lane as usize] {
+        if self.is_ending || self.given_up[lane as usize] {
             return Ok(());
         }
         self.check_files()?;

@@ -38,6 +38,8 @@ pub(crate) struct Supervisor<'a> {
     pub(crate) tuner: Option<EnvTuner>,
     pub(crate) totals: Totals,
     pub(crate) progress: WorkWatch,
+    /// `true` once the children have been asked to exit.
+    pub(crate) is_ending: bool,
     /// Processes that the kernel had killed for lack of memory before, and children that it has killed since.
     pub(crate) oom_kills: u64,
     pub(crate) sink: &'a mut Sink<'a>,
@@ -95,6 +97,7 @@ impl<'a> Supervisor<'a> {
             tuner: capacity.tunes.then(|| EnvTuner::new(capacity.envs, capacity.max_envs, n_cores)),
             totals,
             progress: WorkWatch::default(),
+            is_ending: false,
             oom_kills,
             sink,
         }

@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 #[cfg(feature = "gpu")]
 use std::sync::Arc;
 
-use ipc_types::allotment::available_memory;
-use ipc_types::input;
+use run_config::allotment::available_memory;
+use run_config::input;
 
 use self::description::Folder;
 pub use self::description::Pi05Description;

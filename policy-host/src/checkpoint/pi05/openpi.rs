@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use ipc_types::input;
+use run_config::input;
 use serde::Deserialize;
 
 use super::config::MAX_ROWS;

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use ipc_types::{Morphology, error_chain};
+use ipc_types::Morphology;
 use policy_host::{ActionChunk, PolicySpec, QueryMode, load};
+use run_config::error_chain;
 use safetensors::tensor::TensorView;
 use tempfile::TempDir;
 

@@ -4,9 +4,10 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
-use ipc_types::run_config::{Execution, QueryOptions};
-use ipc_types::{ControlMode, EnvRecord, Morphology, error_chain};
+use ipc_types::{ControlMode, EnvRecord, Morphology};
 use policy_host::{ActionChunk, LoadError, Policy, PolicyError, PolicySpec, check, load};
+use run_config::error_chain;
+use run_config::{Execution, QueryOptions};
 
 use crate::batch::ObservationBatch;
 

@@ -3,8 +3,9 @@
 use clap::{Args, value_parser};
 use serde::{Deserialize, Serialize};
 
+use ipc_types::layout::MAX_HORIZON;
+
 use super::choices::QueryMode;
-use crate::layout::MAX_HORIZON;
 
 /// Options of how policies are queried. Without them, a checkpoint's own settings decide. A results file
 /// stores the [`Execution`] that results from them as a part of each policy's identity.

@@ -5,24 +5,20 @@
 //! the manifest of a results file. To add an option, add a field, and read it where it takes effect. The doc
 //! comment of the field is its help text.
 
-mod amount;
-mod choices;
-mod language_file;
-mod query;
-mod strength;
-
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Command, FromArgMatches, value_parser};
 use serde::{Deserialize, Serialize};
 
-pub use self::amount::{Amount, AmountError};
-pub use self::choices::{DeviceChoice, Profile, QueryMode, RendererChoice, Samples};
-pub use self::language_file::{LanguageFile, LanguageFileError};
-pub use self::query::{Execution, QueryOptions};
-pub use self::strength::{Strength, StrengthError};
-use crate::ControlMode;
-use crate::allotment::n_cores;
+use ipc_types::ControlMode;
+
+use super::allotment::n_cores;
+use super::amount::Amount;
+use super::choices::{DeviceChoice, Profile, RendererChoice, Samples};
+use super::language_file::LanguageFile;
+use super::query::QueryOptions;
+use super::strength::Strength;
 
 /// Largest number of episodes in progress at a time.
 pub const MAX_ENVS: u32 = 8192;
@@ -70,8 +66,7 @@ pub struct ResultOptions {
     #[serde(default)]
     pub latency: u32,
     /// Control mode of single-arm policies; bimanual policies always use pd_joint_pos
-    #[arg(long, value_enum, ignore_case = true, default_value_t = ControlMode::EeDeltaPose)]
-    #[serde(with = "control_mode_name")]
+    #[arg(long, ignore_case = true, value_parser = control_modes(), default_value = ControlMode::EeDeltaPose.name())]
     pub control_mode: ControlMode,
     /// Paraphrases for Language-Paraphrase: a YAML mapping from env ids to lists of sentences, like the
     /// benchmark's own. By default, sentences of ours
@@ -156,22 +151,17 @@ impl Default for RunConfig {
     }
 }
 
-/// Serializes a [`ControlMode`] under its ManiSkill name, as results files have always stored it.
-mod control_mode_name {
-    use clap::ValueEnum;
-    use serde::de::{Deserialize, Deserializer, Error};
-    use serde::ser::Serializer;
-
-    use crate::ControlMode;
-
-    pub(crate) fn serialize<S: Serializer>(mode: &ControlMode, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(mode.name())
-    }
-
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ControlMode, D::Error> {
-        let name = String::deserialize(deserializer)?;
-        ControlMode::from_str(&name, false).map_err(D::Error::custom)
-    }
+/// Returns the parser of control modes, which lists them in the help text.
+fn control_modes() -> impl TypedValueParser<Value = ControlMode> {
+    let describe = |mode| match mode {
+        ControlMode::EeDeltaPose => "Relative poses of the TCP",
+        ControlMode::JointPos => "Absolute joint positions",
+        ControlMode::EePose => "Absolute poses of the TCP",
+    };
+    let names = ControlMode::ALL.map(|mode| PossibleValue::new(mode.name()).help(describe(mode)));
+    let of_name =
+        |name: String| ControlMode::ALL.into_iter().find(|mode| mode.name().eq_ignore_ascii_case(&name));
+    PossibleValuesParser::new(names).map(move |name| of_name(name).expect("the parser knows all names"))
 }
 
 #[cfg(test)]
@@ -179,6 +169,8 @@ mod tests {
     use clap::ValueEnum;
 
     use super::*;
+    use crate::choices::QueryMode;
+    use crate::query::Execution;
 
     #[test]
     fn defaults_survive_json() {
@@ -212,8 +204,5 @@ mod tests {
         check::<RendererChoice>();
         check::<DeviceChoice>();
         check::<Samples>();
-        for mode in ControlMode::value_variants() {
-            assert_eq!(mode.to_possible_value().unwrap().get_name(), mode.name());
-        }
     }
 }

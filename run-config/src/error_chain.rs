@@ -85,7 +85,7 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
-    use crate::link::{BudgetError, LinkError};
+    use ipc_types::link::{BudgetError, LinkError};
 
     #[test]
     fn every_cause_appears_once_in_order() {
