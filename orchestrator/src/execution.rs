@@ -8,8 +8,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use ipc_types::link::{Domain, SHM};
 use policy_host::{PolicyCheck, device};
-use run_config::Execution;
-use run_config::RunConfig;
+use run_config::{Execution, RunConfig};
 
 use crate::capacity::Capacity;
 use crate::exit::{Failure, OrUser};

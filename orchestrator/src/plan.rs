@@ -4,8 +4,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use ipc_types::{ControlMode, Morphology};
-use run_config::RunConfig;
-use run_config::{Execution, QueryMode, ResultOptions};
+use run_config::{Execution, QueryMode, ResultOptions, RunConfig};
 use sim::TaskId;
 use sim::perturb::{Sentences, SentencesError};
 use thiserror::Error;

@@ -1,7 +1,6 @@
 //! The device on which the policies of a run compute.
 
-use run_config::DeviceChoice;
-use run_config::RunConfig;
+use run_config::{DeviceChoice, RunConfig};
 use thiserror::Error;
 
 use crate::spec::PolicySpec;

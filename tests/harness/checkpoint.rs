@@ -5,8 +5,7 @@ use std::sync::LazyLock;
 
 use ipc_types::{ControlMode, Morphology, ObservationView};
 use policy_host::{ActionChunk, PolicySpec, QueryMode, check, load};
-use run_config::QueryOptions;
-use run_config::error_chain;
+use run_config::{QueryOptions, error_chain};
 use serde_json::Value;
 
 use super::edits::Edits;

@@ -1,8 +1,7 @@
 //! Files of paraphrases (`--language`).
 
 use ipc_types::layout::INSTRUCTION_BYTES;
-use run_config::LanguageFile;
-use run_config::error_chain;
+use run_config::{LanguageFile, error_chain};
 use sim::perturb::{Composition, Sentences, Strength};
 use sim::{Perturbation, Profile, TaskId};
 

@@ -5,6 +5,7 @@
 
 mod architecture;
 mod language;
+mod markdown;
 mod modules;
 mod repository;
 mod source;

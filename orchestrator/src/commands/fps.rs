@@ -9,8 +9,7 @@ use ipc_types::Morphology;
 use ipc_types::layout::MAX_HORIZON;
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::{PolicySpec, synthetic};
-use run_config::RunConfig;
-use run_config::{Amount, ImageOptions, InferenceOptions, MAX_ENVS, QueryMode};
+use run_config::{Amount, ImageOptions, InferenceOptions, MAX_ENVS, QueryMode, RunConfig};
 use serde_json::json;
 use sim::TaskId;
 

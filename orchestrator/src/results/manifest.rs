@@ -6,8 +6,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 use policy_host::PolicySpec;
-use run_config::RunConfig;
-use run_config::{Execution, ResultOptions};
+use run_config::{Execution, ResultOptions, RunConfig};
 use rusqlite::{Connection, OptionalExtension, params};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};

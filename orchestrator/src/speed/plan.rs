@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 
 use ipc_types::link::{SHM, check_budget};
-use run_config::RunConfig;
 use run_config::allotment::available_memory;
-use run_config::{Amount, QueryMode};
+use run_config::{Amount, QueryMode, RunConfig};
 use sim::{Perturbation, TaskId};
 
 use super::point::{Series, SpeedPoint};

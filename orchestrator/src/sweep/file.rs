@@ -13,8 +13,7 @@ use std::path::{Path, PathBuf};
 
 use clap::error::{ContextKind, ContextValue};
 use clap::{Arg, ArgAction, Args, Command};
-use run_config::LanguageFile;
-use run_config::input;
+use run_config::{LanguageFile, input};
 use thiserror::Error;
 use toml::{Spanned, Value};
 

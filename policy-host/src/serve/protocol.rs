@@ -2,9 +2,8 @@
 
 use ipc_types::Morphology;
 use ipc_types::link::{Domain, LaneSpec};
-use run_config::Execution;
-use run_config::RunConfig;
 use run_config::trace::TraceSpan;
+use run_config::{Execution, RunConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::PolicySpec;

@@ -7,8 +7,7 @@ use ipc_types::{ControlMode, Morphology};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::synthetic::write_checkpoint;
 use policy_host::{ActionChunk, PolicyError, PolicySpec, QueryMode, check, load};
-use run_config::QueryOptions;
-use run_config::error_chain;
+use run_config::{QueryOptions, error_chain};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use tempfile::TempDir;
 

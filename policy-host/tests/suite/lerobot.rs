@@ -9,8 +9,7 @@ use policy_host::act::model::{ActInput, ActModel};
 use policy_host::checkpoint::Checkpoint;
 use policy_host::ensemble::Ensemble;
 use policy_host::{ActionChunk, Policy, PolicyError, PolicySpec, QueryMode, check, load};
-use run_config::QueryOptions;
-use run_config::error_chain;
+use run_config::{QueryOptions, error_chain};
 use safetensors::SafeTensors;
 
 use crate::batch::ObservationBatch;

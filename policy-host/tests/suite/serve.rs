@@ -8,9 +8,7 @@ use ipc_types::link::{Domain, LaneSpec, LinkNode, SimLane, SimLink};
 use ipc_types::{ActionHeader, ActionView, Morphology, ObservationHeader};
 use policy_host::serve::{HostConfig, HostEvent, ServeError, serve_with};
 use policy_host::{PolicySpec, QueryMode};
-use run_config::Amount;
-use run_config::Execution;
-use run_config::RunConfig;
+use run_config::{Amount, Execution, RunConfig};
 
 use crate::batch::ObservationBatch;
 use crate::{data, rows};

@@ -4,8 +4,7 @@ use std::time::Instant;
 
 use ipc_types::layout::MAX_ACTION_DIM;
 use ipc_types::{ActionBlock, ControlMode, EnvRecord, FrameError, Morphology};
-use run_config::ResultOptions;
-use run_config::{RunConfig, error_chain};
+use run_config::{ResultOptions, RunConfig, error_chain};
 use thiserror::Error;
 
 use super::chunk::ChunkBuffer;

@@ -9,10 +9,9 @@ use anyhow::{Context, anyhow, ensure};
 use clap::Args;
 use policy_host::PolicySpec;
 use policy_host::device::{self, DeviceRequest};
-use run_config::RunConfig;
 use run_config::{
     Amount, DeviceChoice, Execution, ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions,
-    Samples,
+    RunConfig, Samples,
 };
 use serde_json::{Value, json};
 use sim::scene::stream::Stream;

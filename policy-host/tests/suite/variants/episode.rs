@@ -6,8 +6,7 @@ use std::collections::BTreeMap;
 
 use ipc_types::{ControlMode, EnvRecord, Morphology};
 use policy_host::{ActionChunk, LoadError, Policy, PolicyError, PolicySpec, check, load};
-use run_config::error_chain;
-use run_config::{Execution, QueryOptions};
+use run_config::{Execution, QueryOptions, error_chain};
 
 use crate::batch::ObservationBatch;
 
