@@ -12,7 +12,7 @@ use super::shortage::Shortage;
 
 /// Errors that can occur while joining a domain, setting up a lane, or exchanging messages.
 ///
-/// A message never contains the text of its `source`; [`crate::error_chain`] joins the two.
+/// A message never contains the text of its `source`: whoever shows it joins the two.
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "the messages describe the fields")]
 pub enum LinkError {
