@@ -150,7 +150,9 @@ impl Crate {
     fn member(&self, module: &[String], path: &[String], n_doors: usize) -> Option<&str> {
         let own = self.0.get(module)?;
         let (first, rest) = path.split_first()?;
-        if own.children.contains(first) {
+        // A function may have the name of the module that it is re-exported from.
+        let is_item = rest.is_empty() && own.imports.contains_key(first);
+        if own.children.contains(first) && !is_item {
             return self.member(&[module, slice::from_ref(first)].concat(), rest, n_doors);
         }
         if let Some(import) = own.imports.get(first).filter(|_| !own.items.contains(first)) {
@@ -325,4 +327,10 @@ fn circles_are_found_through_doors() {
     );
     let in_tests = "mod b; #[cfg(test)] fn f() -> b::B {} pub struct A;";
     assert_eq!(of([file("root", root), file("a", in_tests), file("b", child)]), [""; 0]);
+    let same_name = [
+        file("root", "mod a; use a::b; pub struct A; fn f() { b() }"),
+        file("a", "mod b; pub use b::b;"),
+        file("b", "pub fn b() -> crate::A {}"),
+    ];
+    assert_eq!(of(same_name), ["b names crate::A of root", "root names a::b of b"]);
 }
