@@ -127,6 +127,7 @@ impl Morphology {
 /// Interpretation of an action row (docs/benchmark.md, "Robot and control"). A gripper entry is in [−1, 1]
 /// and maps to a target position of each finger: −1 to −0.01 m (squeeze), +1 to 0.04 m (open).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String")]
 pub enum ControlMode {
     /// Seven values in [−1, 1] per arm: translation (×0.1 m), rotation vector (×−0.1 rad), gripper. Relative
     /// to the measured TCP pose, in the arm's root frame.
@@ -183,6 +184,17 @@ impl ControlMode {
     }
 }
 
+impl TryFrom<String> for ControlMode {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        Self::ALL.into_iter().find(|mode| mode.name() == name).ok_or_else(|| {
+            let known = Self::ALL.map(Self::name).join(", ");
+            format!("unknown control_mode `{name}`, expected one of {known}")
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -199,6 +211,7 @@ mod tests {
         assert_eq!((Morphology::from_code(2), ControlMode::from_code(3)), (None, None));
         for mode in ControlMode::ALL {
             assert_eq!(serde_json::to_value(mode).unwrap(), mode.name());
+            assert_eq!(serde_json::from_value::<ControlMode>(mode.name().into()).unwrap(), mode);
         }
     }
 
