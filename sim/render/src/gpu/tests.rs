@@ -143,7 +143,7 @@ fn device_out_of_memory_is_an_error() {
         return;
     }
     let mut child = std::process::Command::new(std::env::current_exe().unwrap());
-    child.args(["--exact", "render::gpu::tests::render_beyond_the_limit", "--ignored", "--nocapture"]);
+    child.args(["--exact", "gpu::tests::render_beyond_the_limit", "--ignored", "--nocapture"]);
     let output = child.output().unwrap();
     let text =
         [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
