@@ -1,7 +1,7 @@
 //! The graph of modules: which file of a crate names items of which other file.
 //!
-//! A file depends on another if it names an item that the other one defines. A re-export is a door: who comes
-//! through it depends on the file behind it, and the file with the door on none. Tests do not count.
+//! A file depends on another if it names an item that the other one defines. A re-export (a "door" below) is
+//! no dependency of its file: whoever uses it depends on the file with the definition. Tests do not count.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::slice;
@@ -30,7 +30,7 @@ struct Module {
     items: BTreeSet<String>,
     /// Names that `use` brings into the module, and what they stand for.
     imports: BTreeMap<String, ItemPath>,
-    /// Those that are re-exported.
+    /// The names among them that are re-exported.
     doors: BTreeSet<String>,
     globs: Vec<ItemPath>,
     /// Paths in code, of one or more names.

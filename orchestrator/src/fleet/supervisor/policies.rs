@@ -20,7 +20,7 @@ impl Supervisor<'_> {
         message: String,
         is_final: bool,
     ) -> Result<(), FleetError> {
-        // Children that were asked to exit leave in any order, and take the services with them.
+        // During a shutdown, children exit in any order, and the sim removes its services.
         if self.is_ending || self.given_up[lane as usize] {
             return Ok(());
         }
