@@ -66,9 +66,10 @@ fn each_engine_is_used_by_one_module() {
     only_in("rapier3d", &["sim/src/physics/", "sim/src/robot/"], "physics engine");
     only_in("wgpu", &["sim/render/src/gpu/", "policy-host/src/nn/gpu/"], "graphics API");
     only_in("faer", &["policy-host/src/nn/"], "matrix products");
-    let parquet_users = ["orchestrator/src/demos/dataset/", "orchestrator/src/parquet_table.rs"];
+    let parquet_users = ["orchestrator/src/store/demos/dataset/", "orchestrator/src/store/parquet_table.rs"];
     only_in("parquet::", &parquet_users, "the only reader and writer of Parquet files");
-    let rusqlite_users = ["orchestrator/src/results", "tests/", "benches/conclusions", "benches/autotune.rs"];
+    let rusqlite_users =
+        ["orchestrator/src/store/results", "tests/", "benches/conclusions", "benches/autotune.rs"];
     only_in("rusqlite", &rusqlite_users, "the only writer of results");
     only_in("anyhow", &["orchestrator/", "benches/"], "libraries have typed errors");
 }

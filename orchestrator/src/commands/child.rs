@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use sim::serve::SimError;
 use sim::serve::protocol::SimConfig;
 
-use crate::exit::{ExitStatus, Failure, OrUser};
+use crate::console::exit::{ExitStatus, Failure, OrUser};
 
 /// Arguments of the child processes.
 #[derive(Debug, Args)]

@@ -3,8 +3,8 @@
 use clap::{Args, Command};
 use clap_complete::Shell;
 
-use crate::exit::{ExitStatus, Failure};
-use crate::output::print_out;
+use crate::console::exit::{ExitStatus, Failure};
+use crate::console::output::print_out;
 
 /// Arguments of `completions`.
 #[derive(Debug, Args)]

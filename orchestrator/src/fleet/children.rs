@@ -11,7 +11,7 @@ use std::time::Duration;
 use ipc_types::link::Shortage;
 
 use super::event::SupervisorEvent;
-use super::member::{ChildExit, MemberRole};
+use crate::fleet::processes::member::{ChildExit, MemberRole};
 
 /// The children of a run, at most one per role, and the rest of the supervisor's world. Requests to a role
 /// without a child have no effect.

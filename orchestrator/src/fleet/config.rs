@@ -9,8 +9,8 @@ use policy_host::serve::HostConfig;
 use run_config::RunConfig;
 use sim::serve::protocol::{Lane, SimConfig};
 
-use crate::capacity::Capacity;
-use crate::lanes::PolicyLane;
+use crate::plan::capacity::Capacity;
+use crate::plan::lanes::PolicyLane;
 
 /// The configuration of a fleet.
 #[derive(Clone, Debug)]

@@ -9,8 +9,8 @@ use run_config::error_chain;
 use thiserror::Error;
 
 use super::limits::LimitError;
-use super::member::ChildExit;
-use crate::exit;
+use crate::console::exit;
+use crate::fleet::processes::member::ChildExit;
 
 /// Errors that can end a fleet before its work is complete. Finished episodes are stored.
 #[derive(Debug, Error)]

@@ -3,9 +3,9 @@
 use run_config::trace::TraceSpan;
 use sim::serve::protocol::{Counters, Outcome};
 
-use super::member::MemberRole;
-use super::process::ChildOutput;
-use crate::jobs::Job;
+use crate::fleet::processes::member::MemberRole;
+use crate::fleet::processes::process::ChildOutput;
+use crate::plan::jobs::Job;
 
 /// A report of the fleet to its sink.
 #[derive(Debug)]

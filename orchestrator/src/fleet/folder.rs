@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::config::FleetConfig;
 use super::error::{BaseError, FleetError};
 use super::event::{FleetEvent, Sink};
-use crate::lanes::PolicyLane;
+use crate::plan::lanes::PolicyLane;
 
 /// Permission bits of everybody but the owner.
 const OTHERS: u32 = 0o077;

@@ -6,27 +6,21 @@
 //! ([`supervisor`]), and every wait in that loop is bounded.
 
 mod children;
-mod clock;
 mod config;
-mod env_choice;
 mod error;
 mod event;
 mod folder;
 mod limits;
-mod member;
-mod process;
 mod processes;
 mod queue;
 mod supervisor;
-mod totals;
-mod tuner;
+pub(crate) mod tuning;
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 use ipc_types::link::Domain;
 
 pub(crate) use self::config::{FleetConfig, Limits};
-pub(crate) use self::env_choice::{EnvChoice, EnvTrial};
 pub(crate) use self::error::FleetError;
 use self::event::SupervisorEvent;
 pub(crate) use self::event::{FleetEvent, IsWanted, RunStatus, Sink};
@@ -34,10 +28,11 @@ pub(crate) use self::folder::base;
 use self::processes::Processes;
 use self::queue::JobQueue;
 use self::supervisor::Supervisor;
+pub(crate) use self::tuning::env_choice::{EnvChoice, EnvTrial};
 #[cfg(test)]
-pub(crate) use self::totals::HostWork;
-pub(crate) use self::totals::Totals;
-use crate::jobs::JobList;
+pub(crate) use self::tuning::totals::HostWork;
+pub(crate) use self::tuning::totals::Totals;
+use crate::plan::jobs::JobList;
 
 /// A fleet that has not started yet.
 #[derive(Debug)]
@@ -116,6 +111,8 @@ impl Fleet {
 }
 
 #[cfg(test)]
+#[path = "../../tests/faults/mod.rs"]
 mod faults;
 #[cfg(test)]
+#[path = "../../tests/fleet/mod.rs"]
 mod tests;

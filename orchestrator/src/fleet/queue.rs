@@ -5,7 +5,7 @@ use std::iter::Peekable;
 use sim::serve::protocol::Driver;
 
 use super::event::IsWanted;
-use crate::jobs::{DriverJobs, Job, JobList};
+use crate::plan::jobs::{DriverJobs, Job, JobList};
 
 /// A queue from which unwanted jobs disappear. Each driver has a limit of its own, so that one that does not
 /// finish its episodes holds nobody else up.
@@ -109,8 +109,8 @@ impl<'a> JobQueue<'a> {
 mod tests {
     use super::*;
     use crate::plan::RunPlan;
-    use crate::results::FinishedEpisodes;
-    use crate::sweep::SweepArgs;
+    use crate::plan::sweep::SweepArgs;
+    use crate::store::results::FinishedEpisodes;
 
     /// Finishes every job of one driver at once and none of the other. Returns the number of the former.
     fn n_of_faster(in_step: bool) -> usize {

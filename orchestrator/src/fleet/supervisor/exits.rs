@@ -3,8 +3,8 @@
 use sim::serve::protocol::SimCommand;
 
 use super::super::error::{FleetError, tightest_limit};
-use super::super::member::MemberRole;
 use super::state::Supervisor;
+use crate::fleet::processes::member::MemberRole;
 
 impl Supervisor<'_> {
     /// Reaps a child, cleans up its shared memory and restarts it, unless it has failed too often or its

@@ -7,9 +7,9 @@ use sim::serve::protocol::{Driver, EpisodeLedger, Outcome, SimCommand};
 
 use super::super::error::FleetError;
 use super::super::event::FleetEvent;
-use super::super::member::MemberRole;
 use super::state::{Supervisor, Unconfirmed};
-use crate::jobs::Job;
+use crate::fleet::processes::member::MemberRole;
+use crate::plan::jobs::Job;
 
 impl Supervisor<'_> {
     /// Handles a host that does not answer or answers incorrectly. A host of this fleet is killed, and

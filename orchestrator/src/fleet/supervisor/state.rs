@@ -11,12 +11,12 @@ use super::super::children::Children;
 use super::super::config::FleetConfig;
 use super::super::error::FleetError;
 use super::super::event::{FleetEvent, Sink};
-use super::super::member::{Member, MemberRole};
 use super::super::queue::JobQueue;
-use super::super::totals::Totals;
-use super::super::tuner::EnvTuner;
-use crate::jobs::Job;
-use crate::lanes::PolicyLane;
+use crate::fleet::processes::member::{Member, MemberRole};
+use crate::fleet::tuning::totals::Totals;
+use crate::fleet::tuning::tuner::EnvTuner;
+use crate::plan::jobs::Job;
+use crate::plan::lanes::PolicyLane;
 
 /// The state of a fleet in progress.
 pub(crate) struct Supervisor<'a> {

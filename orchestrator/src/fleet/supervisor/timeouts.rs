@@ -5,8 +5,8 @@ use std::time::Duration;
 use sim::serve::protocol::Driver;
 
 use super::super::error::FleetError;
-use super::super::member::MemberRole;
 use super::state::{Supervisor, WorkWatch};
+use crate::fleet::processes::member::MemberRole;
 
 impl Supervisor<'_> {
     /// Kills a hung sim, and a child that does not get ready in time. Hung hosts are detected by the sim,

@@ -1,0 +1,6 @@
+//! Commands that run episodes or plan them.
+
+pub(crate) mod demos;
+pub(crate) mod fps;
+pub(crate) mod plan;
+pub(crate) mod run;

@@ -1,0 +1,136 @@
+//! Findings of a verification: differing columns, episodes that could not be run again, and missing ones.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Value, json};
+use sim::scene::stream::episode_seed;
+use sim::serve::protocol::Outcome;
+
+use crate::console::table::{Align, TextTable};
+use crate::store::results::{EpisodeRow, Gap, ResultsFile};
+use crate::store::stored_episode::format_fingerprint;
+
+/// A column that differs between a row and its repetition.
+pub(crate) struct Difference<'a> {
+    row: &'a EpisodeRow,
+    column: &'static str,
+    stored: String,
+    found: String,
+}
+
+/// Episodes that cannot be run again, with the reason, by policy.
+pub(crate) type Unverifiable = BTreeMap<String, (String, usize)>;
+
+/// Compares a row with its repetition. Times are left out: they are never the same.
+pub(crate) fn differences<'a>(
+    file: &ResultsFile,
+    row: &'a EpisodeRow,
+    outcome: &Outcome,
+    suite_seed: u64,
+) -> Vec<Difference<'a>> {
+    let optional = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
+    let seed = episode_seed(suite_seed, row.condition.task.name(), row.episode);
+    let stored_fingerprint = row.fingerprint.map(format_fingerprint);
+    let columns = [
+        ("seed", row.seed.to_string(), seed.to_string()),
+        ("steps", row.steps.to_string(), outcome.steps.to_string()),
+        ("success_once", row.success_once.to_string(), outcome.success_once.to_string()),
+        ("success_at_end", row.success_at_end.to_string(), outcome.success_at_end.to_string()),
+        (
+            "first_success_step",
+            optional(row.first_success_step.map(|step| step.to_string())),
+            optional(outcome.first_success_step.map(|step| step.to_string())),
+        ),
+        (
+            "failed_predicate",
+            optional(row.failed_predicate.map(|idx| file.text(idx).to_owned())),
+            optional(outcome.failed_predicate.clone()),
+        ),
+        ("fingerprint", optional(stored_fingerprint), format_fingerprint(outcome.fingerprint)),
+        ("error", "none".to_owned(), optional(outcome.error.clone())),
+    ];
+    let differs = |(_, stored, found): &(_, String, String)| stored != found;
+    columns
+        .into_iter()
+        .filter(differs)
+        .map(|(column, stored, found)| Difference { row, column, stored, found })
+        .collect()
+}
+
+/// Counts the rows with a difference. Differences of one row follow each other.
+pub(crate) fn count_rows(differences: &[Difference<'_>]) -> usize {
+    differences.chunk_by(|a, b| std::ptr::eq(a.row, b.row)).count()
+}
+
+pub(crate) fn text_report(
+    file: &ResultsFile,
+    differences: &[Difference<'_>],
+    unverifiable: &Unverifiable,
+) -> String {
+    use Align::{Left, Right};
+    let mut text = String::new();
+    if !differences.is_empty() {
+        let columns = ["policy", "task", "perturbation"].map(|name| (name, Left));
+        let more = [("episode", Right), ("column", Left), ("stored", Left), ("run again", Left)];
+        let mut table = TextTable::new(&[&columns[..], &more[..]].concat());
+        for Difference { row, column, stored, found } in differences {
+            table.row(vec![
+                file.policy(row).to_owned(),
+                row.condition.task.name().to_owned(),
+                row.condition.perturbation.name(),
+                row.episode.to_string(),
+                (*column).to_owned(),
+                stored.clone(),
+                found.clone(),
+            ]);
+        }
+        text += &table.to_string();
+    }
+    for (name, (reason, n)) in unverifiable {
+        text += &format!("not verified: {n} episodes of {name}: {reason}\n");
+    }
+    text
+}
+
+/// Formats the episodes that were planned and are not in the file.
+pub(crate) fn gap_lines(gaps: Option<&[Gap]>) -> String {
+    let Some(gaps) = gaps else {
+        return "the file does not say which episodes were planned, so missing ones cannot be detected\n"
+            .to_owned();
+    };
+    let line = |Gap { policy, condition, n, first }: &Gap| {
+        let (task, perturbation) = (condition.task.name(), condition.perturbation.name());
+        format!("missing: {n} planned episodes of {policy}, {task} {perturbation}, from index {first} on\n")
+    };
+    gaps.iter().map(line).collect()
+}
+
+pub(crate) fn json_report(
+    file: &ResultsFile,
+    n_run: usize,
+    differences: &[Difference<'_>],
+    unverifiable: &Unverifiable,
+    gaps: Option<&[Gap]>,
+) -> Value {
+    let difference = |Difference { row, column, stored, found }: &Difference<'_>| {
+        json!({
+            "policy": file.policy(row),
+            "task": row.condition.task.name(),
+            "perturbation": row.condition.perturbation.name(),
+            "episode": row.episode,
+            "column": column,
+            "stored": stored,
+            "found": found,
+        })
+    };
+    let missing = |Gap { policy, condition, n, first }: &Gap| json!({ "policy": policy, "condition": condition, "n": n, "first": first });
+    let not_verified =
+        |(name, (reason, n)): (&String, &(String, usize))| json!({ "what": name, "n": n, "reason": reason });
+    json!({
+        "run": n_run,
+        "agree": n_run - count_rows(differences),
+        "differences": differences.iter().map(difference).collect::<Vec<_>>(),
+        "not_verified": unverifiable.iter().map(not_verified).collect::<Vec<_>>(),
+        "missing": gaps.map(|gaps| gaps.iter().map(missing).collect::<Vec<_>>()),
+    })
+}

@@ -1,0 +1,39 @@
+//! Handling of SIGINT (Ctrl-C), SIGTERM, and SIGXCPU, with which the kernel announces that the process has
+//! used the core-seconds of its limit. SIGHUP keeps its default action, so that `nohup` works as usual.
+
+use std::io;
+use std::thread;
+
+use signal_hook::consts::{SIGINT, SIGTERM, SIGXCPU};
+use signal_hook::iterator::{Handle, Signals};
+
+use crate::console::output::print_message;
+
+/// A guard during whose lifetime the signals do not terminate the process. After it is dropped they are
+/// ignored.
+#[derive(Debug)]
+pub(crate) struct SignalWatch(Handle);
+
+/// Calls `stop` for every signal, on a separate thread.
+///
+/// # Errors
+/// If the handlers cannot be installed.
+pub(crate) fn watch(stop: impl Fn() + Send + 'static) -> io::Result<SignalWatch> {
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGXCPU])?;
+    let watch = SignalWatch(signals.handle());
+    thread::Builder::new().name("signals".to_owned()).spawn(move || {
+        for signal in signals.forever() {
+            if signal == SIGXCPU {
+                print_message("the limit of core-seconds is reached; lift it: `ulimit -t unlimited`");
+            }
+            stop();
+        }
+    })?;
+    Ok(watch)
+}
+
+impl Drop for SignalWatch {
+    fn drop(&mut self) {
+        self.0.close();
+    }
+}

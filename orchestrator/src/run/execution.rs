@@ -1,0 +1,153 @@
+//! Execution of episodes: checks that every policy can be loaded, and runs a fleet for the episodes of a
+//! plan.
+
+use std::collections::HashSet;
+use std::hash::{BuildHasher, RandomState};
+use std::path::PathBuf;
+
+use anyhow::Context;
+use ipc_types::link::{Domain, SHM};
+use policy_host::{PolicyCheck, device};
+use run_config::{Execution, RunConfig};
+
+use crate::console::exit::{Failure, OrUser};
+use crate::console::interrupt;
+use crate::fleet::{self, Fleet, FleetConfig, FleetError, FleetEvent, IsWanted, RunStatus, Totals};
+use crate::plan::capacity::Capacity;
+use crate::plan::jobs::JobList;
+use crate::plan::lanes::lanes;
+use crate::plan::{RunPlan, check_latency};
+use crate::selection::policy::{Identity, NamedPolicy};
+
+/// Number of times that a run goes on under other names.
+const MAX_MOVES: usize = 3;
+/// The file that this process executes, even if another has taken its path since, as after a rebuild.
+const THIS_PROGRAM: &str = "/proc/self/exe";
+
+/// Finds the device on which the policies of a run compute, and puts it into the configuration in place of
+/// `auto`. Returns its identity, unless it is the CPU.
+pub(crate) fn find_device(
+    policies: &[NamedPolicy],
+    config: &mut RunConfig,
+) -> Result<Option<String>, Failure> {
+    let specs: Vec<_> = policies.iter().map(|policy| &policy.spec).collect();
+    let found = device::find(&specs, (&*config).into()).or_user()?;
+    config.inference.policy_device = found.choice;
+    Ok(found.identity)
+}
+
+/// Resolves what the policies' checkpoints decide, and returns the identity of each policy on a device. Also
+/// checks that each can be loaded, before anything is started.
+pub(crate) fn resolve(plan: &mut RunPlan, device: Option<&str>) -> Result<Vec<Identity>, Failure> {
+    let robots: Vec<_> =
+        plan.morphologies().into_iter().map(|robot| (robot, plan.control_mode_of(robot))).collect();
+    let (query, latency) = (plan.config.query, plan.config.results.latency);
+    let instructions = plan.instructions().or_user()?;
+    let resolve = |policy: &mut NamedPolicy, execution: &mut Execution| -> anyhow::Result<Identity> {
+        let located = policy.located()?;
+        let PolicyCheck { execution: own, mut notes } = policy_host::check(&located.spec, &robots, query)?;
+        *execution = own.unwrap_or(*execution);
+        check_latency(latency, *execution)?;
+        notes.extend(policy_host::long_prompts(&located.spec, &instructions)?);
+        let folders = [policy, &located].map(|policy| policy.spec.checkpoint());
+        if let [Some(typed), Some(folder)] = folders
+            && std::fs::canonicalize(typed).ok().as_deref() != Some(folder)
+        {
+            notes.insert(0, format!("reads {}", folder.display()));
+        }
+        let identity = located.identity(device, *execution)?;
+        let identity = Identity { spec: policy.spec.to_string(), notes, ..identity };
+        *policy = located;
+        Ok(identity)
+    };
+    let policies = plan.policies.iter_mut().zip(&mut plan.executions);
+    let identities = policies.map(|(policy, execution)| {
+        let name = policy.name.clone();
+        resolve(policy, execution).with_context(|| format!("policy `{name}`")).or_user()
+    });
+    identities.collect()
+}
+
+/// Runs `todo` in a fleet of child processes. Starts none if there is nothing to do.
+///
+/// If a child crashes while another user's files stall the cleanup, or the shared memory is gone or seems
+/// damaged, the unfinished episodes continue in a new fleet with other names.
+pub(crate) fn execute(
+    plan: &RunPlan,
+    identities: &[Identity],
+    mut todo: JobList,
+    earlier_renderer: Option<&str>,
+    is_wanted: &IsWanted<'_>,
+    mut sink: impl FnMut(FleetEvent<'_>) -> anyhow::Result<()>,
+) -> Result<(RunStatus, Totals), Failure> {
+    if todo.len() == 0 {
+        // No fleet starts, which would remove what crashed runs have left.
+        Domain::remove_stale(&fleet::base());
+    }
+    let (mut n_moves, mut can_move) = (0, true);
+    while todo.len() > 0 {
+        let mut finished = HashSet::new();
+        let fleet = fleet(plan, identities, todo.len(), earlier_renderer.map(str::to_owned), can_move)?;
+        let stopper = fleet.stopper();
+        let _watch = interrupt::watch(move || stopper.stop()).context("failed to install signal handlers")?;
+        let result = fleet.run(&todo, is_wanted, &mut |event| {
+            if let FleetEvent::EpisodeFinished(job, _) = event {
+                finished.insert(job.key());
+            }
+            sink(event)
+        });
+        match result {
+            Err(error) if error.may_go_on_elsewhere() && n_moves < MAX_MOVES => {
+                n_moves += 1;
+                // A child that fails wherever it is started is not the fault of shared memory.
+                can_move = n_moves < MAX_MOVES && !finished.is_empty();
+                sink(FleetEvent::Log(&format!("{error}; continuing under other names")))?;
+                todo = todo.without(finished);
+            }
+            result => return result.map_err(as_failure),
+        }
+    }
+    Ok((RunStatus::Complete, Totals::default()))
+}
+
+/// Makes the fleet for `n_jobs` episodes of a plan, whose policies have these identities. Starts nothing.
+pub(crate) fn fleet(
+    plan: &RunPlan,
+    identities: &[Identity],
+    n_jobs: u64,
+    earlier_renderer: Option<String>,
+    can_move: bool,
+) -> Result<Fleet, Failure> {
+    let mut config = fleet_config(plan, Capacity::new(plan, n_jobs as usize), earlier_renderer);
+    config.can_move = can_move;
+    for policy in &mut config.lanes {
+        let position = plan.policies.iter().position(|named| named.name == policy.lane.spec.policy);
+        policy.checkpoint = position.and_then(|idx| identities[idx].checkpoint.clone());
+    }
+    Ok(Fleet::new(config))
+}
+
+/// Classifies an error of a fleet by who can fix it.
+pub(crate) fn as_failure(error: FleetError) -> Failure {
+    let is_user_error = error.is_user_error();
+    let error = anyhow::Error::from(error);
+    if is_user_error { Failure::User(error) } else { Failure::Bug(error) }
+}
+
+fn fleet_config(plan: &RunPlan, capacity: Capacity, earlier_renderer: Option<String>) -> FleetConfig {
+    FleetConfig {
+        program: PathBuf::from(THIS_PROGRAM),
+        base: fleet::base(),
+        shm: PathBuf::from(SHM),
+        // The keys of a `RandomState` are random numbers from the operating system.
+        run_id: RandomState::new().hash_one(std::process::id()),
+        run: plan.config.clone(),
+        earlier_renderer,
+        can_move: false,
+        paired: plan.stopping.is_some(),
+        lanes: lanes(plan, capacity.batch),
+        capacity,
+        morphologies: plan.morphologies(),
+        limits: fleet::Limits::default(),
+    }
+}

@@ -1,0 +1,9 @@
+//! Running a plan, and running stored episodes again: the fleet from start to end, early stopping, displays
+//! and recordings on the way.
+
+pub(crate) mod execution;
+pub(crate) mod live;
+pub(crate) mod movie;
+pub(crate) mod playback;
+pub(crate) mod stopping;
+pub(crate) mod trace_file;

@@ -1,0 +1,143 @@
+//! Opening of results files, with a specific error for each kind of path that is not one.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use rusqlite::{Connection, OpenFlags};
+
+use crate::store::results::error::{ResultsFileError, not_used};
+use crate::store::results::integrity;
+use crate::store::results::schema::{APPLICATION_ID, CREATE, VERSION};
+
+/// Maximum wait for a reader that locks the file.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
+/// Attempts to lock the file, and the time between two. A child inherits the lock of a writer that has just
+/// closed the file, until it executes its program.
+const LOCK_ATTEMPTS: u32 = 25;
+const LOCK_INTERVAL: Duration = Duration::from_millis(20);
+
+/// Opens or creates a results file in write-ahead mode, and locks it against a second writer.
+pub(crate) fn open(path: &Path) -> Result<(Connection, File), ResultsFileError> {
+    let lock = lock(path)?;
+    let sqlite = |source| not_used(path, source);
+    let connection = connect(&file_name(path)?).map_err(sqlite)?;
+    check(&connection, path)?;
+    connection.pragma_update(None, "journal_mode", "WAL").map_err(sqlite)?;
+    // In write-ahead mode a crash of the process loses no transaction; only a crash of the machine can.
+    connection.pragma_update(None, "synchronous", "NORMAL").map_err(sqlite)?;
+    Ok((connection, lock))
+}
+
+/// Opens an existing results file for reading. Another process may be writing to it.
+pub(crate) fn open_read_only(path: &Path) -> Result<Connection, ResultsFileError> {
+    let sqlite = |source| not_used(path, source);
+    let file = file_name(path)?;
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(file, flags).map_err(sqlite)?;
+    connection.busy_timeout(BUSY_TIMEOUT).map_err(sqlite)?;
+    check(&connection, path)?;
+    Ok(connection)
+}
+
+/// Returns `true` for a file in write-ahead mode whose log is not beside it.
+pub(crate) fn lacks_wal(path: &Path) -> bool {
+    /// Byte of a SQLite file that is 2 in write-ahead mode.
+    const WRITE_VERSION: usize = 18;
+    let mut header = [0; WRITE_VERSION + 1];
+    let is_ahead = File::open(path).is_ok_and(|mut file| file.read_exact(&mut header).is_ok())
+        && header[WRITE_VERSION] == 2;
+    let mut log = path.as_os_str().to_owned();
+    log.push("-wal");
+    is_ahead && !Path::new(&log).exists()
+}
+
+/// Copies the state of a results file at this moment into a new file, without free space.
+pub(crate) fn copy_snapshot(path: &Path, copy: &Path) -> Result<(), ResultsFileError> {
+    let failed = |error| not_used(path, error);
+    let target = file_name(copy)?;
+    open_read_only(path)?.execute("VACUUM INTO ?1", [target.to_string_lossy()]).map_err(failed)?;
+    Ok(())
+}
+
+/// Ends the write-ahead mode, so that the file can be read without the right to write next to it. If
+/// somebody is reading it now, it stays in that mode.
+pub(crate) fn close(connection: &Connection) {
+    let _ = connection.busy_timeout(Duration::ZERO);
+    let _ = connection.pragma_update(None, "journal_mode", "DELETE");
+}
+
+/// Returns a name by which SQLite opens just this file. It takes `:memory:` and names that start with `file:`
+/// for something else, but no absolute path.
+fn file_name(path: &Path) -> Result<PathBuf, ResultsFileError> {
+    std::path::absolute(path).map_err(|source| ResultsFileError::Io { path: path.into(), source })
+}
+
+/// Checks that this is a results file of the current version, undamaged and unchanged.
+fn check(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
+    // Functions with side effects are for nobody's views, triggers and constraints.
+    connection.pragma_update(None, "trusted_schema", false).map_err(|source| not_used(path, source))?;
+    let pragma = |name| {
+        connection
+            .pragma_query_value(None, name, |row| row.get::<_, i64>(0))
+            .map_err(|source| not_used(path, source))
+    };
+    if pragma("application_id")? != APPLICATION_ID {
+        return Err(ResultsFileError::Foreign { path: path.into() });
+    }
+    match pragma("user_version")? {
+        VERSION => {}
+        found => return Err(ResultsFileError::Version { path: path.into(), found }),
+    }
+    integrity::check_schema(connection, path)?;
+    let finding: String = connection
+        .query_row("PRAGMA integrity_check(1)", [], |row| row.get(0))
+        .map_err(|source| not_used(path, source))?;
+    if finding == "ok" {
+        return integrity::check_rows(connection, path);
+    }
+    // A line that names the database comes first.
+    let finding = finding.lines().last().unwrap_or_default().to_owned();
+    Err(ResultsFileError::Damaged { path: path.into(), finding })
+}
+
+fn lock(path: &Path) -> Result<File, ResultsFileError> {
+    if path.is_dir() {
+        return Err(ResultsFileError::Folder { path: path.into() });
+    }
+    let io = |source: io::Error| match source.kind() {
+        io::ErrorKind::NotFound => ResultsFileError::NoFolder { path: path.into() },
+        _ => ResultsFileError::Io { path: path.into(), source },
+    };
+    if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
+        return Err(ResultsFileError::Special { path: path.into() });
+    }
+    let file =
+        OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(io)?;
+    for _ in 0..LOCK_ATTEMPTS {
+        match file.try_lock() {
+            Ok(()) => return Ok(file),
+            Err(TryLockError::WouldBlock) => std::thread::sleep(LOCK_INTERVAL),
+            Err(TryLockError::Error(source)) => return Err(io(source)),
+        }
+    }
+    Err(ResultsFileError::InUse { path: path.into() })
+}
+
+/// Connects to the file. A new one gets its tables, application id and version in one transaction; an
+/// existing one is not written. A file whose creation was cut off counts as new: SQLite empties it when it is
+/// first read.
+fn connect(path: &Path) -> Result<Connection, rusqlite::Error> {
+    let flags =
+        OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(path, flags)?;
+    connection.busy_timeout(BUSY_TIMEOUT)?;
+    let n_pages: i64 = connection.pragma_query_value(None, "page_count", |row| row.get(0))?;
+    if n_pages == 0 {
+        connection.execute_batch(&format!(
+            "BEGIN; {CREATE} PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {VERSION}; COMMIT;"
+        ))?;
+    }
+    Ok(connection)
+}
