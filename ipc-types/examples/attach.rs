@@ -1,8 +1,8 @@
 //! A policy host of one's own: it answers every query of a run with 30 rows of zeros.
 //!
 //! ```sh
-//! hypogeum run --policy mine=attach:mine --tasks RaiseCube --episodes 2 --db mine.db    # prints the path of its lane
-//! cargo run --release --locked -p ipc-types --example attach -- PATH                   # in another terminal
+//! hypogeum run --policy mine=attach:mine --tasks RaiseCube --episodes 2 --db mine.db    # prints a PATH
+//! cargo run --release --locked -p ipc-types --example attach -- PATH                   # meanwhile
 //! ```
 
 use std::error::Error;

@@ -4,8 +4,9 @@
 //! cargo run --release --locked -p sim --example push_puck
 //! ```
 //!
-//! As a task of the suite it would be `sim/src/tasks/push_puck.rs`, with `pub(crate) const TASK`, `crate` in place of
-//! `sim`, without [`main`] and what it needs, and with the line `push_puck => PushPuck,` in `task_list!`.
+//! As a task of the suite it would be `sim/src/tasks/push_puck.rs`, without [`main`] and the functions below it,
+//! with `pub(crate) const TASK`, `crate` in place of `sim`, and the line `push_puck => PushPuck,` in
+//! `task_list!`.
 
 use ipc_types::{ControlMode, Morphology};
 use nalgebra::Vector3;
