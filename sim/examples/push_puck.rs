@@ -4,9 +4,8 @@
 //! cargo run --release --locked -p sim --example push_puck
 //! ```
 //!
-//! As a task of the suite it would be `sim/src/tasks/push_puck.rs`, without [`main`] and the functions below it,
-//! with `pub(crate) const TASK`, `crate` in place of `sim`, and the line `push_puck => PushPuck,` in
-//! `task_list!`.
+//! As a task of the suite, it would be `sim/src/tasks/push_puck.rs`, end before [`main`], have `crate` in
+//! place of `sim` and `pub(crate) const TASK`, and be listed in `task_list!`: `push_puck => PushPuck,`.
 
 use ipc_types::{ControlMode, Morphology};
 use nalgebra::Vector3;
