@@ -3,6 +3,14 @@
 //!
 //! This crate depends on no other crate of the workspace: a foreign policy host (Python, C++) needs only
 //! what is here.
+//!
+//! # A policy host
+//!
+//! `examples/attach.rs`:
+//!
+//! ```no_run
+#![doc = include_str!("../examples/attach.rs")]
+//! ```
 
 mod checksum;
 pub mod frame;

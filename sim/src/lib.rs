@@ -18,11 +18,6 @@ pub mod task;
 pub mod tasks;
 pub mod trajectory;
 
-/// Runs the code examples of ARCHITECTURE.md as doctests.
-#[cfg(doctest)]
-#[doc = include_str!("../../ARCHITECTURE.md")]
-mod architecture {}
-
 pub use perturb::Perturbation;
 pub use profile::Profile;
 pub use render;
