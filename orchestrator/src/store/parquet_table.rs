@@ -13,7 +13,7 @@ use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
 /// The name and the cells of a column.
-pub(crate) type Column = (String, Cells);
+pub(crate) type NamedCells = (String, Cells);
 
 /// The cells of one column.
 #[derive(Debug)]
@@ -47,7 +47,7 @@ impl ParquetTable {
     /// If the file cannot be created.
     pub(crate) fn create(
         path: &Path,
-        like: &[Column],
+        like: &[NamedCells],
         metadata: Option<(&str, String)>,
     ) -> anyhow::Result<Self> {
         let fields = like.iter().map(|(name, cells)| cells.schema(name)).collect::<anyhow::Result<_>>()?;
@@ -66,7 +66,7 @@ impl ParquetTable {
     ///
     /// # Errors
     /// If they cannot be written.
-    pub(crate) fn push(&mut self, columns: Vec<Column>) -> anyhow::Result<()> {
+    pub(crate) fn push(&mut self, columns: Vec<NamedCells>) -> anyhow::Result<()> {
         let mut group = self.0.next_row_group()?;
         for (_, cells) in columns {
             cells.write(&mut group)?;

@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
-use crate::store::parquet_table::{Cells, Column, ParquetTable};
-use crate::store::stored_episode::format_fingerprint;
-use crate::study::analysis::Evaluation;
+use rusqlite::types::Value;
+
+use crate::store::parquet_table::{Cells, ParquetTable};
+use crate::store::results::{Column, EpisodeRow, ResultsFile, Values};
+use crate::study::analysis::{Evaluation, RowIdx};
 
 /// Rows per row group.
 const ROWS_PER_GROUP: usize = 1 << 17;
@@ -15,21 +17,17 @@ const ROWS_PER_GROUP: usize = 1 << 17;
 /// If it cannot be written.
 pub(crate) fn write(evaluation: &Evaluation, path: &Path) -> anyhow::Result<()> {
     let partial = path.with_extension("partial");
-    let mut columns = Columns::default();
-    let mut table = ParquetTable::create(&partial, &Columns::default().take(), None)?;
+    let mut table = ParquetTable::create(&partial, &RowGroup::new().named(), None)?;
     for policy in &evaluation.policies {
-        for (condition, rows) in evaluation.conditions(policy) {
-            let (task, perturbation) = (condition.task.name(), condition.perturbation.name());
+        let cells = evaluation.conditions(policy);
+        let rows: Vec<RowIdx> = cells.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
+        for rows in rows.chunks(ROWS_PER_GROUP) {
+            let mut group = RowGroup::new();
             for &idx in rows {
-                columns.push(evaluation, idx, [&policy.name, task, &perturbation]);
-                if columns.len() == ROWS_PER_GROUP {
-                    table.push(columns.take())?;
-                }
+                group.push(&policy.name, &evaluation.files[idx.file_idx as usize], evaluation.row(idx));
             }
+            table.push(group.named())?;
         }
-    }
-    if columns.len() > 0 {
-        table.push(columns.take())?;
     }
     table.finish()?;
     std::fs::rename(&partial, path)?;
@@ -37,51 +35,41 @@ pub(crate) fn write(evaluation: &Evaluation, path: &Path) -> anyhow::Result<()> 
 }
 
 /// The columns of one row group.
-#[derive(Default)]
-struct Columns {
-    texts: [Vec<String>; 6],
-    numbers: [Vec<i64>; 6],
-    times: [Vec<f32>; 4],
+struct RowGroup(Vec<Cells>);
+
+/// Returns the columns of the file: those of a results file before the checksum.
+fn columns() -> impl Iterator<Item = Column> {
+    Column::checked().iter().copied()
 }
 
-const TEXTS: [&str; 6] = ["policy", "task", "perturbation", "failed_predicate", "fingerprint", "error"];
-/// `first_success_step` is −1 without success, because columns have no nulls.
-const NUMBERS: [&str; 6] =
-    ["episode", "seed", "steps", "success_once", "success_at_end", "first_success_step"];
-const TIMES: [&str; 4] = ["physics_s", "render_s", "policy_s", "wait_s"];
-
-impl Columns {
-    fn len(&self) -> usize {
-        self.numbers[0].len()
+impl RowGroup {
+    fn new() -> Self {
+        let empty = |column: Column| match column.values() {
+            Values::Text | Values::Sealed => Cells::Text(Vec::new()),
+            Values::UpTo(_) | Values::UpToOrNull(_) => Cells::Int(Vec::new()),
+            Values::Seconds => Cells::Float(Vec::new()),
+        };
+        Self(columns().map(empty).collect())
     }
 
-    fn push(&mut self, evaluation: &Evaluation, idx: crate::study::analysis::RowIdx, names: [&str; 3]) {
-        let row = evaluation.row(idx);
-        let file = &evaluation.files[idx.file_idx as usize];
-        let text = |idx: Option<u32>| idx.map_or_else(String::new, |idx| file.text(idx).to_owned());
-        let [policy, task, perturbation] = names.map(str::to_owned);
-        let fingerprint = row.fingerprint.map_or_else(String::new, format_fingerprint);
-        let texts = [policy, task, perturbation, text(row.failed_predicate), fingerprint, text(row.error)];
-        self.texts.iter_mut().zip(texts).for_each(|(column, text)| column.push(text));
-        let numbers = [
-            i64::from(row.episode),
-            row.seed.cast_signed(),
-            i64::from(row.steps),
-            i64::from(row.success_once),
-            i64::from(row.success_at_end),
-            row.first_success_step.map_or(-1, i64::from),
-        ];
-        self.numbers.iter_mut().zip(numbers).for_each(|(column, number)| column.push(number));
-        self.times.iter_mut().zip(row.times_s).for_each(|(column, seconds)| column.push(seconds));
+    /// Adds a row of `policy`, as the evaluation calls it. Columns have no nulls: a missing text is empty, and a
+    /// missing number −1.
+    fn push(&mut self, policy: &str, file: &ResultsFile, row: &EpisodeRow) {
+        for (cells, column) in self.0.iter_mut().zip(columns()) {
+            match (cells, file.value(row, column)) {
+                (Cells::Text(texts), _) if column == Column::Policy => texts.push(policy.to_owned()),
+                (Cells::Text(texts), Value::Text(text)) => texts.push(text),
+                (Cells::Text(texts), _) => texts.push(String::new()),
+                (Cells::Int(numbers), Value::Integer(number)) => numbers.push(number),
+                (Cells::Int(numbers), _) => numbers.push(-1),
+                (Cells::Float(numbers), Value::Real(number)) => numbers.push(number as f32),
+                (cells, value) => unreachable!("{cells:?} take {value:?}"),
+            }
+        }
     }
 
-    /// Moves the rows out.
-    fn take(&mut self) -> Vec<Column> {
-        let Self { texts, numbers, times } = std::mem::take(self);
-        let texts = TEXTS.into_iter().zip(texts).map(|(name, cells)| (name.to_owned(), Cells::Text(cells)));
-        let numbers =
-            NUMBERS.into_iter().zip(numbers).map(|(name, cells)| (name.to_owned(), Cells::Int(cells)));
-        let times = TIMES.into_iter().zip(times).map(|(name, cells)| (name.to_owned(), Cells::Float(cells)));
-        texts.chain(numbers).chain(times).collect()
+    /// Returns the columns with their names.
+    fn named(self) -> Vec<(String, Cells)> {
+        columns().map(|column| column.name().to_owned()).zip(self.0).collect()
     }
 }

@@ -3,12 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use rusqlite::types::Value as Cell;
 use serde_json::{Map, Value};
 
 use crate::run::stopping::StoppingRule;
 use crate::selection::condition::Condition;
 use crate::selection::policy::Identity;
+use crate::store::results::columns::Column;
 use crate::store::results::manifest::ENVIRONMENT;
+use crate::store::stored_episode::format_fingerprint;
 
 /// Index of a string in [`ResultsFile::texts`].
 pub(crate) type TextIdx = u32;
@@ -88,5 +91,29 @@ impl ResultsFile {
     /// Returns the text of an index.
     pub(crate) fn text(&self, idx: TextIdx) -> &str {
         &self.texts[idx as usize]
+    }
+
+    /// Returns the value of a row in a column before the checksum.
+    pub(crate) fn value(&self, row: &EpisodeRow, column: Column) -> Cell {
+        let text = |idx: Option<TextIdx>| idx.map_or(Cell::Null, |idx| Cell::Text(self.text(idx).to_owned()));
+        match column {
+            Column::Policy => text(Some(row.policy)),
+            Column::Task => Cell::Text(row.condition.task.name().to_owned()),
+            Column::Perturbation => Cell::Text(row.condition.perturbation.name()),
+            Column::Episode => Cell::from(row.episode),
+            Column::Seed => Cell::from(row.seed.cast_signed()),
+            Column::Steps => Cell::from(row.steps),
+            Column::SuccessOnce => Cell::from(row.success_once),
+            Column::SuccessAtEnd => Cell::from(row.success_at_end),
+            Column::FirstSuccessStep => row.first_success_step.into(),
+            Column::FailedPredicate => text(row.failed_predicate),
+            Column::Fingerprint => row.fingerprint.map(format_fingerprint).into(),
+            Column::Error => text(row.error),
+            Column::PhysicsS => Cell::from(row.times_s[0]),
+            Column::RenderS => Cell::from(row.times_s[1]),
+            Column::PolicyS => Cell::from(row.times_s[2]),
+            Column::WaitS => Cell::from(row.times_s[3]),
+            Column::Checksum | Column::Actions => Cell::Null,
+        }
     }
 }

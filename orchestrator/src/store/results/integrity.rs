@@ -9,13 +9,12 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64_with_seed};
 
 use crate::selection::condition::parse_condition;
 use crate::selection::policy::is_plain;
+use crate::store::results::columns::{Column, Values};
 use crate::store::results::error::{ResultsFileError, not_used};
 use crate::store::results::schema;
 
 /// Bytes of the checksum at the end of stored actions.
 pub(crate) const ACTIONS_CHECKSUM: usize = 8;
-/// Most control steps of an episode, far above every horizon.
-const MAX_STEPS: i64 = 100_000;
 /// Longest time of an episode in s.
 const MAX_SECONDS: f64 = 1e9;
 
@@ -23,7 +22,7 @@ const MAX_SECONDS: f64 = 1e9;
 /// whenever the file is read or written.
 pub(crate) fn check_schema(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
     let expected = Connection::open_in_memory().and_then(|own| {
-        own.execute_batch(schema::CREATE)?;
+        own.execute_batch(&schema::create())?;
         objects(&own)
     });
     let expected = expected.map_err(|error| not_used(path, error))?;
@@ -48,7 +47,7 @@ fn objects(connection: &Connection) -> Result<Vec<(String, String, Option<String
 /// Checks the values and the checksum of every row.
 pub(crate) fn check_rows(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
     let read = || {
-        let mut statement = connection.prepare(schema::CHECKED)?;
+        let mut statement = connection.prepare(&schema::rows())?;
         let mut rows = statement.query([])?;
         // Rows are sorted by condition, so the names of one condition are checked once.
         let mut names = <[String; 3]>::default();
@@ -85,34 +84,28 @@ fn row_finding(row: &Row<'_>, names: &mut [String; 3]) -> Result<Option<String>,
         }
         *names = found.map(str::to_owned);
     }
-    for (idx, low, high) in [
-        (3, 0, i64::from(u32::MAX)),
-        (4, 0, i64::MAX),
-        (5, 0, MAX_STEPS),
-        (6, 0, 1),
-        (7, 0, 1),
-        (8, 0, MAX_STEPS),
-    ] {
-        let value = row.get_ref(idx)?;
-        let is_valid = match value {
-            ValueRef::Integer(number) => (low..=high).contains(&number),
-            ValueRef::Null => idx == 8,
-            _ => false,
+    for column in Column::checked() {
+        let (name, value) = (column.name(), row.get_ref(*column as usize)?);
+        let expected = match (column.values(), value) {
+            (Values::UpTo(high) | Values::UpToOrNull(high), ValueRef::Integer(number))
+                if (0..=high).contains(&number) =>
+            {
+                continue;
+            }
+            (Values::UpToOrNull(_), ValueRef::Null) | (Values::Text | Values::Sealed, _) => continue,
+            (Values::Seconds, ValueRef::Real(seconds)) if (0.0..=MAX_SECONDS).contains(&seconds) => continue,
+            (Values::UpTo(high) | Values::UpToOrNull(high), _) => {
+                format!("{}, expected 0 to {high}", shown(value))
+            }
+            (Values::Seconds, _) => format!("{} s, expected 0 to {MAX_SECONDS}", shown(value)),
         };
-        if !is_valid {
-            let column = row.as_ref().column_name(idx)?;
-            return Ok(Some(format!("`{column}` is {}, expected {low} to {high}", shown(value))));
-        }
+        return Ok(Some(format!("`{name}` is {expected}")));
     }
-    for idx in 12..16 {
-        let seconds: f64 = row.get(idx)?;
-        if !(0.0..=MAX_SECONDS).contains(&seconds) {
-            let column = row.as_ref().column_name(idx)?;
-            return Ok(Some(format!("`{column}` is {seconds} s, expected 0 to {MAX_SECONDS}")));
-        }
-    }
-    let values = (0..schema::N_CHECKED).map(|idx| row.get_ref(idx)).collect::<Result<Vec<_>, _>>()?;
-    let is_intact = row.get_ref(schema::N_CHECKED)? == ValueRef::Integer(checksum(values));
+    let values = Column::checked()
+        .iter()
+        .map(|column| row.get_ref(*column as usize))
+        .collect::<Result<Vec<_>, _>>()?;
+    let is_intact = row.get_ref(Column::Checksum as usize)? == ValueRef::Integer(checksum(values));
     Ok((!is_intact)
         .then(|| "its checksum does not fit its values, so that they have been changed".to_owned()))
 }

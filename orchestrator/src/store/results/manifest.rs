@@ -16,6 +16,7 @@ use crate::selection::condition::Condition;
 use crate::selection::policy::Identity;
 use crate::store::build_identity;
 use crate::store::results::error::{ManifestMismatch, ResultsFileError, not_used};
+use crate::store::results::schema;
 
 /// Prefix of the keys under which identities of policies are stored.
 pub(crate) const POLICY: &str = "policy/";
@@ -119,9 +120,8 @@ pub(crate) fn reconcile(
     }
     for (name, requested) in &manifest.policies {
         let key = policy_key(name);
-        let in_use: bool = transaction
-            .query_row("SELECT EXISTS (SELECT 1 FROM episodes WHERE policy = ?1)", [name], |row| row.get(0))
-            .map_err(sqlite)?;
+        let in_use: bool =
+            transaction.query_row(&schema::has_policy(), [name], |row| row.get(0)).map_err(sqlite)?;
         if in_use {
             let found = get(&transaction, &key).map_err(sqlite)?.ok_or_else(|| invalid(&key))?;
             let found: Identity = serde_json::from_str(&found).map_err(|_| invalid(&key))?;

@@ -4,6 +4,8 @@
 //! configuration that the rows depend on) and the rules of resuming. It never overwrites a row, unless that
 //! row has an error.
 
+mod columns;
+mod episodes;
 mod error;
 mod file;
 mod gaps;
@@ -16,12 +18,16 @@ mod schema;
 #[cfg(any(test, feature = "fuzzing"))]
 #[path = "../../../tests/sealing/mod.rs"]
 pub(crate) mod sealing;
-mod store;
 
+pub(crate) use self::columns::{Column, EpisodeKey, Values};
+pub(crate) use self::episodes::{CellSums, FinishedEpisodes, Results};
 pub(crate) use self::error::StoreError;
 pub(crate) use self::file::{EpisodeRow, ResultsFile};
 pub(crate) use self::gaps::{Gap, gaps};
 pub(crate) use self::manifest::{ENVIRONMENT, Manifest, PLANS, STOPPING};
 pub(crate) use self::open::copy_snapshot;
 pub(crate) use self::recorded::RecordedEpisodes;
-pub(crate) use self::store::{CellSums, EpisodeKey, FinishedEpisodes, Results};
+
+#[cfg(test)]
+#[path = "../../../tests/results/mod.rs"]
+mod tests;

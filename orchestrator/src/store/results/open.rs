@@ -9,7 +9,7 @@ use rusqlite::{Connection, OpenFlags};
 
 use crate::store::results::error::{ResultsFileError, not_used};
 use crate::store::results::integrity;
-use crate::store::results::schema::{APPLICATION_ID, CREATE, VERSION};
+use crate::store::results::schema::{APPLICATION_ID, VERSION, create};
 
 /// Maximum wait for a reader that locks the file.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
@@ -136,7 +136,8 @@ fn connect(path: &Path) -> Result<Connection, rusqlite::Error> {
     let n_pages: i64 = connection.pragma_query_value(None, "page_count", |row| row.get(0))?;
     if n_pages == 0 {
         connection.execute_batch(&format!(
-            "BEGIN; {CREATE} PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {VERSION}; COMMIT;"
+            "BEGIN; {} PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {VERSION}; COMMIT;",
+            create()
         ))?;
     }
     Ok(connection)

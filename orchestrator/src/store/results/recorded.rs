@@ -16,6 +16,7 @@ use sim::{Profile, expert};
 use crate::selection::names::pick;
 use crate::selection::policy::Identity;
 use crate::selection::selectors::{parse_perturbation, parse_task};
+use crate::store::results::columns::Column;
 use crate::store::results::{integrity, manifest, open, schema};
 use crate::store::stored_episode::StoredEpisode;
 
@@ -58,7 +59,7 @@ impl RecordedEpisodes {
         let key = params![policy, subject.task.name(), subject.perturbation.name(), index];
         let connection = self.connection.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let sealed: Vec<u8> = connection
-            .query_row(schema::ACTIONS, key, |row| row.get(0))
+            .query_row(&schema::actions(), key, |row| row.get(0))
             .with_context(|| format!("failed to read {} in {}", episode.name(), self.path.display()))?;
         let bytes = integrity::opened_actions(&sealed, episode.seed).with_context(|| {
             format!(
@@ -84,12 +85,14 @@ fn read_episodes(connection: &Connection) -> anyhow::Result<Vec<StoredEpisode>> 
     let strength: Strength = entry(connection, "strength")?;
     let single_arm_mode: String = entry(connection, "control_mode")?;
     let single_arm_mode = pick("control mode", &single_arm_mode, &ControlMode::ALL, ControlMode::name)?;
-    let mut statement = connection.prepare(schema::RECORDED)?;
+    let mut statement = connection.prepare(&schema::recorded())?;
     let mut rows = statement.query([])?;
     let mut episodes = Vec::new();
     let mut experts: BTreeMap<String, bool> = BTreeMap::new();
     while let Some(row) = rows.next()? {
-        let (policy, task, perturbation): (String, String, String) = (row.get(0)?, row.get(1)?, row.get(2)?);
+        let text = |column: Column| row.get::<_, String>(column as usize);
+        let [policy, task, perturbation] =
+            [text(Column::Policy)?, text(Column::Task)?, text(Column::Perturbation)?];
         let task = parse_task(&task)?;
         let perturbation: Composition = parse_perturbation(&perturbation)?;
         if !experts.contains_key(&policy) {
@@ -104,12 +107,11 @@ fn read_episodes(connection: &Connection) -> anyhow::Result<Vec<StoredEpisode>> 
         episodes.push(StoredEpisode {
             policy,
             subject: EpisodeSpec { task, perturbation, strength, profile },
-            index: row.get(3)?,
-            // Episode seeds are below 2⁶³.
-            seed: row.get::<_, i64>(4)?.cast_unsigned(),
+            index: row.get(Column::Episode as usize)?,
+            seed: row.get::<_, i64>(Column::Seed as usize)?.cast_unsigned(),
             mode,
-            n_steps: row.get(5)?,
-            fingerprint: row.get(6)?,
+            n_steps: row.get(Column::Steps as usize)?,
+            fingerprint: text(Column::Fingerprint)?,
         });
     }
     Ok(episodes)

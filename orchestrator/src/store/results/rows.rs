@@ -16,6 +16,7 @@ use sim::perturb::Strength;
 use crate::console::output::print_message;
 use crate::selection::condition::{Condition, parse_condition};
 use crate::selection::policy::{Identity, is_plain};
+use crate::store::results::columns::Column;
 use crate::store::results::file::{EpisodeRow, ResultsFile, TextIdx};
 use crate::store::results::gaps::gaps;
 use crate::store::results::{manifest, open, schema};
@@ -123,15 +124,15 @@ fn check_option<T: DeserializeOwned>(manifest: &Map<String, Value>, key: &str) -
 
 fn read_rows(connection: &Connection, texts: &mut Texts) -> anyhow::Result<Vec<EpisodeRow>> {
     let n_rows: i64 = connection.query_row(schema::COUNT, [], |row| row.get(0))?;
-    let mut statement = connection.prepare(schema::ROWS)?;
+    let mut statement = connection.prepare(&schema::rows())?;
     let mut found = statement.query([])?;
     let mut rows = Vec::with_capacity(usize::try_from(n_rows)?);
     // Rows are sorted by condition, so the names of one condition are parsed once.
     let mut names: (String, String) = Default::default();
     let mut condition: Option<Condition> = None;
     while let Some(row) = found.next()? {
-        let text = |idx: usize| row.get_ref(idx)?.as_str().map_err(anyhow::Error::from);
-        let (task, perturbation) = (text(1)?, text(2)?);
+        let text = |column: Column| row.get_ref(column as usize)?.as_str().map_err(anyhow::Error::from);
+        let (task, perturbation) = (text(Column::Task)?, text(Column::Perturbation)?);
         let condition = match condition {
             Some(condition) if names.0 == task && names.1 == perturbation => condition,
             _ => {
@@ -139,23 +140,24 @@ fn read_rows(connection: &Connection, texts: &mut Texts) -> anyhow::Result<Vec<E
                 *condition.insert(parse_condition(task, perturbation)?)
             }
         };
-        let optional = |idx: usize| row.get_ref(idx)?.as_str_or_null().map_err(anyhow::Error::from);
-        let time = |idx: usize| row.get::<_, f64>(idx).map(|seconds| seconds as f32);
+        let optional =
+            |column: Column| row.get_ref(column as usize)?.as_str_or_null().map_err(anyhow::Error::from);
+        let [physics_s, render_s, policy_s, wait_s] =
+            Column::TIMES.map(|column| row.get::<_, f64>(column as usize));
         rows.push(EpisodeRow {
-            policy: texts.index(text(0)?),
+            policy: texts.index(text(Column::Policy)?),
             condition,
-            episode: row.get(3)?,
-            // Episode seeds are below 2⁶³.
-            seed: row.get::<_, i64>(4)?.cast_unsigned(),
-            steps: row.get(5)?,
-            success_once: row.get(6)?,
-            success_at_end: row.get(7)?,
-            first_success_step: row.get(8)?,
-            failed_predicate: optional(9)?.map(|name| texts.index(name)),
-            fingerprint: u64::from_str_radix(text(10)?, 16).ok(),
-            error: optional(11)?.map(|message| texts.index(message)),
-            times_s: [time(12)?, time(13)?, time(14)?, time(15)?],
-            has_actions: row.get(16)?,
+            episode: row.get(Column::Episode as usize)?,
+            seed: row.get::<_, i64>(Column::Seed as usize)?.cast_unsigned(),
+            steps: row.get(Column::Steps as usize)?,
+            success_once: row.get(Column::SuccessOnce as usize)?,
+            success_at_end: row.get(Column::SuccessAtEnd as usize)?,
+            first_success_step: row.get(Column::FirstSuccessStep as usize)?,
+            failed_predicate: optional(Column::FailedPredicate)?.map(|name| texts.index(name)),
+            fingerprint: u64::from_str_radix(text(Column::Fingerprint)?, 16).ok(),
+            error: optional(Column::Error)?.map(|message| texts.index(message)),
+            times_s: [physics_s? as f32, render_s? as f32, policy_s? as f32, wait_s? as f32],
+            has_actions: row.get(Column::Actions as usize)?,
         });
     }
     if rows.is_empty() {

@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use crate::selection::condition::Condition;
 use crate::selection::policy::Identity;
-use crate::store::results::{ENVIRONMENT, EpisodeRow, PLANS, ResultsFile, STOPPING};
+use crate::store::results::{Column, ENVIRONMENT, EpisodeRow, PLANS, ResultsFile, STOPPING};
 
 /// Manifest entries that describe the circumstances of a run. Results do not depend on them.
 const CIRCUMSTANCES: [&str; 3] = [ENVIRONMENT, PLANS, STOPPING];
@@ -188,23 +188,14 @@ impl Evaluation {
                 continue;
             }
             let file = |idx: &RowIdx| &self.files[idx.file_idx as usize];
-            let failed =
-                |row: &EpisodeRow, idx: &RowIdx| row.failed_predicate.map(|text| file(idx).text(text));
-            let columns = [
-                ("seed", first.seed == second.seed),
-                ("fingerprint", first.fingerprint == second.fingerprint),
-                ("steps", first.steps == second.steps),
-                ("success_once", first.success_once == second.success_once),
-                ("success_at_end", first.success_at_end == second.success_at_end),
-                ("first_success_step", first.first_success_step == second.first_success_step),
-                ("failed_predicate", failed(first, &pair[0]) == failed(second, &pair[1])),
-            ];
-            if let Some((column, _)) = columns.into_iter().find(|(_, is_equal)| !is_equal) {
+            let value = |idx: &RowIdx, column| file(idx).value(self.row(*idx), column);
+            let differs = |column: &Column| value(&pair[0], *column) != value(&pair[1], *column);
+            if let Some(column) = Column::reproducible().find(differs) {
                 return Err(EvaluationError::Episode {
                     policy: self.policies[policy_idx].name.clone(),
                     condition: first.condition,
                     episode: first.episode,
-                    column,
+                    column: column.name(),
                     files: Box::new([file(&pair[0]).path.clone(), file(&pair[1]).path.clone()]),
                 });
             }

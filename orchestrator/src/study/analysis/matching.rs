@@ -7,7 +7,7 @@ use sim::perturb::Composition;
 
 use crate::selection::condition::Condition;
 use crate::statistics::{Levels, PairedSequence, Pairs};
-use crate::store::results::EpisodeRow;
+use crate::store::results::{Column, EpisodeRow};
 use crate::study::analysis::evaluation::{EvaluatedPolicy, Evaluation, RowIdx};
 
 /// The success of an episode that is compared.
@@ -65,8 +65,8 @@ impl Metric {
     /// Returns the column name of the results file.
     pub(crate) fn name(self) -> &'static str {
         match self {
-            Self::SuccessOnce => "success_once",
-            Self::SuccessAtEnd => "success_at_end",
+            Self::SuccessOnce => Column::SuccessOnce.name(),
+            Self::SuccessAtEnd => Column::SuccessAtEnd.name(),
         }
     }
 }

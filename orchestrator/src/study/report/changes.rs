@@ -4,6 +4,7 @@ use sim::Perturbation;
 use sim::perturb::Composition;
 
 use crate::console::table::{Align, TextTable};
+use crate::store::results::Column;
 use crate::study::analysis::{Effect, morphology_name};
 
 /// Formats the effects as a table; empty without effects.
@@ -16,7 +17,7 @@ pub(crate) fn table(effects: &[Effect]) -> String {
         ("policy", Left),
         ("robot", Left),
         ("perturbation", Left),
-        ("success_once", Right),
+        (Column::SuccessOnce.name(), Right),
         ("tasks", Right),
         ("change", Right),
         ("relative", Right),

@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 
+use crate::store::results::Column;
 use crate::study::analysis::Effect;
 use crate::study::report::Fps;
 use crate::study::report::cell::{Cell, effects};
@@ -26,7 +27,7 @@ fn change(effect: &Effect) -> Value {
         "policy": effect.policy,
         "morphology": effect.morphology,
         "perturbation": effect.perturbation.name(),
-        "success_once": effect.success,
+        (Column::SuccessOnce.name()): effect.success,
         "n_tasks": effect.n_tasks,
         "change": effect.change,
         "relative_change": effect.relative_change,
@@ -39,8 +40,8 @@ fn cell(cell: &Cell) -> Value {
         "task": cell.condition.task.name(),
         "perturbation": cell.condition.perturbation.name(),
         "n": cell.sums.n,
-        "success_once": cell.success_once(),
-        "success_at_end": cell.success_at_end(),
+        (Column::SuccessOnce.name()): cell.success_once(),
+        (Column::SuccessAtEnd.name()): cell.success_at_end(),
         "wilson95": cell.wilson95(),
         "errors": cell.sums.errors,
         "mean_steps": cell.mean_steps(),

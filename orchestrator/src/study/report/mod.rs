@@ -13,6 +13,7 @@ pub(crate) use self::json::json;
 use crate::console::table::{Align, TextTable};
 use crate::plan::RunPlan;
 use crate::run::stopping::SequentialCell;
+use crate::store::results::Column;
 
 /// Formats the results as text tables. `conclusions` are those of a comparison that ended cells early.
 pub(crate) fn table(plan: &RunPlan, cells: &[Cell], conclusions: &[SequentialCell]) -> String {
@@ -22,9 +23,9 @@ pub(crate) fn table(plan: &RunPlan, cells: &[Cell], conclusions: &[SequentialCel
         ("task", Left),
         ("perturbation", Left),
         ("n", Right),
-        ("success_once", Right),
+        (Column::SuccessOnce.name(), Right),
         ("95 % interval", Right),
-        ("success_at_end", Right),
+        (Column::SuccessAtEnd.name(), Right),
         ("mean_steps", Right),
         ("errors", Right),
     ];

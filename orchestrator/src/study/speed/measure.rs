@@ -64,7 +64,7 @@ pub(crate) fn measure(
         return Ok(None);
     }
     let (mut is_stopped, mut errors) = (false, 0);
-    let mut sink = |event: FleetEvent<'_>| {
+    let mut observer = |event: &FleetEvent<'_>| {
         match event {
             FleetEvent::Counters(counters) => {
                 progress.counters(counters);
@@ -80,7 +80,7 @@ pub(crate) fn measure(
         }
         Ok(())
     };
-    let ended = fleet.run(&todo, &|_| true, &mut sink);
+    let ended = fleet.run(&todo, &mut observer);
     stop.watch(None);
     let (_, totals) = ended.map_err(as_failure)?;
     if stop.is_requested() {

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use serde_json::{Value, json};
+use rusqlite::types::Value;
+use serde_json::{Value as Json, json};
 use sim::scene::stream::episode_seed;
 use sim::serve::protocol::Outcome;
 
 use crate::console::table::{Align, TextTable};
-use crate::store::results::{EpisodeRow, Gap, ResultsFile};
-use crate::store::stored_episode::format_fingerprint;
+use crate::store::results::{Column, EpisodeKey, EpisodeRow, Gap, ResultsFile};
 
 /// A column that differs between a row and its repetition.
 pub(crate) struct Difference<'a> {
@@ -28,33 +28,28 @@ pub(crate) fn differences<'a>(
     outcome: &Outcome,
     suite_seed: u64,
 ) -> Vec<Difference<'a>> {
-    let optional = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
     let seed = episode_seed(suite_seed, row.condition.task.name(), row.episode);
-    let stored_fingerprint = row.fingerprint.map(format_fingerprint);
-    let columns = [
-        ("seed", row.seed.to_string(), seed.to_string()),
-        ("steps", row.steps.to_string(), outcome.steps.to_string()),
-        ("success_once", row.success_once.to_string(), outcome.success_once.to_string()),
-        ("success_at_end", row.success_at_end.to_string(), outcome.success_at_end.to_string()),
-        (
-            "first_success_step",
-            optional(row.first_success_step.map(|step| step.to_string())),
-            optional(outcome.first_success_step.map(|step| step.to_string())),
-        ),
-        (
-            "failed_predicate",
-            optional(row.failed_predicate.map(|idx| file.text(idx).to_owned())),
-            optional(outcome.failed_predicate.clone()),
-        ),
-        ("fingerprint", optional(stored_fingerprint), format_fingerprint(outcome.fingerprint)),
-        ("error", "none".to_owned(), optional(outcome.error.clone())),
-    ];
-    let differs = |(_, stored, found): &(_, String, String)| stored != found;
-    columns
-        .into_iter()
-        .filter(differs)
-        .map(|(column, stored, found)| Difference { row, column, stored, found })
-        .collect()
+    let key = EpisodeKey { policy: file.policy(row), condition: row.condition, episode: row.episode };
+    let differ = |column: Column| {
+        let (stored, found) = (file.value(row, column), column.of_outcome(&key, seed, outcome));
+        (stored != found).then(|| Difference {
+            row,
+            column: column.name(),
+            stored: shown(&stored),
+            found: shown(&found),
+        })
+    };
+    Column::reproducible().filter_map(differ).collect()
+}
+
+fn shown(value: &Value) -> String {
+    match value {
+        Value::Null => "none".to_owned(),
+        Value::Integer(number) => number.to_string(),
+        Value::Real(number) => number.to_string(),
+        Value::Text(text) => text.clone(),
+        Value::Blob(_) => "bytes".to_owned(),
+    }
 }
 
 /// Counts the rows with a difference. Differences of one row follow each other.
@@ -111,7 +106,7 @@ pub(crate) fn json_report(
     differences: &[Difference<'_>],
     unverifiable: &Unverifiable,
     gaps: Option<&[Gap]>,
-) -> Value {
+) -> Json {
     let difference = |Difference { row, column, stored, found }: &Difference<'_>| {
         json!({
             "policy": file.policy(row),

@@ -354,11 +354,11 @@ fn run(
     let positions: HashMap<_, usize> = jobs.iter().enumerate().map(|(idx, job)| (key(job), idx)).collect();
     let mut outcomes: Vec<Option<Outcome>> = jobs.iter().map(|_| None).collect();
     let mut progress = Progress::of_replays(jobs.len() as u64, args.quiet);
-    let status = execute(plan, identities, JobList::of(jobs), renderer, &|_| true, |event| {
+    let mut observer = |event: &FleetEvent<'_>| {
         match event {
             FleetEvent::EpisodeFinished(job, outcome) => {
                 if let Some(&idx) = positions.get(&key(job)) {
-                    outcomes[idx] = Some(outcome.clone());
+                    outcomes[idx] = Some((*outcome).clone());
                 }
                 progress.tick();
             }
@@ -367,7 +367,8 @@ fn run(
             FleetEvent::RendererReady(_) | FleetEvent::Spans(..) => {}
         }
         Ok(())
-    });
+    };
+    let status = execute(plan, identities, JobList::of(jobs), renderer, &mut observer);
     progress.finish();
     let (status, _totals) = status?;
     if status == RunStatus::Stopped {

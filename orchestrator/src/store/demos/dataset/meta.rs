@@ -13,7 +13,7 @@ use crate::store::demos::dataset::features::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM
 use crate::store::demos::dataset::journal::{EpisodeRecord, Journal, instructions};
 use crate::store::demos::dataset::stats::{FeatureStats, Histogram, QUANTILES};
 use crate::store::demos::dataset::values::read_values;
-use crate::store::parquet_table::{Cells, Column, ParquetTable};
+use crate::store::parquet_table::{Cells, NamedCells, ParquetTable};
 
 /// Maximum number of data files per folder.
 const CHUNK_FILES: usize = 1000;
@@ -58,7 +58,7 @@ pub(crate) fn write(folder: &Path, journal: &Journal) -> anyhow::Result<()> {
     table(&folder.join("meta/tasks.parquet"), columns, Some(("pandas", pandas_metadata().to_string())))
 }
 
-fn table(path: &Path, columns: Vec<Column>, metadata: Option<(&str, String)>) -> anyhow::Result<()> {
+fn table(path: &Path, columns: Vec<NamedCells>, metadata: Option<(&str, String)>) -> anyhow::Result<()> {
     let mut table = ParquetTable::create(path, &columns, metadata)?;
     table
         .push(columns)
@@ -222,7 +222,7 @@ fn image_stats(journal: &Journal, feature: &str) -> FeatureStats {
     FeatureStats::of_images(&over, journal.episodes().map(|episode| episode.n_frames).sum())
 }
 
-fn episode_columns(journal: &Journal) -> Vec<Column> {
+fn episode_columns(journal: &Journal) -> Vec<NamedCells> {
     let all: Vec<&EpisodeRecord> = journal.episodes().collect();
     let files = journal.files().iter().enumerate();
     let file_of: Vec<usize> = files.flat_map(|(idx, episodes)| vec![idx; episodes.len()]).collect();
@@ -235,7 +235,7 @@ fn episode_columns(journal: &Journal) -> Vec<Column> {
         })
         .collect();
     let lengths: Vec<i64> = all.iter().map(|episode| episode.n_frames as i64).collect();
-    let mut columns: Vec<Column> = vec![
+    let mut columns: Vec<NamedCells> = vec![
         ("episode_index".into(), Cells::Int((0..all.len() as i64).collect())),
         (
             "tasks".into(),

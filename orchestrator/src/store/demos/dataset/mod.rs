@@ -22,7 +22,7 @@ use policy_host::text::hashed_embedding;
 use self::features::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE, camera_feature};
 use self::journal::{Journal, instructions};
 use self::stats::{FeatureStats, Histogram};
-use crate::store::parquet_table::{Cells, Column, ParquetTable};
+use crate::store::parquet_table::{Cells, NamedCells, ParquetTable};
 use crate::store::stored_episode::format_fingerprint;
 
 pub(crate) use self::journal::DatasetSettings;
@@ -170,7 +170,7 @@ fn columns(
     morphology: Morphology,
     episode: DatasetEpisode,
     (episode_idx, first, task_idx): (u64, u64, usize),
-) -> (Vec<Column>, EpisodeRecord) {
+) -> (Vec<NamedCells>, EpisodeRecord) {
     let state_dim = morphology.state_dim();
     let n_frames = episode.states.len() / state_dim;
     let action_dim = episode.actions.len() / n_frames;
@@ -181,7 +181,7 @@ fn columns(
         (ACTION, action_dim, episode.actions),
     ];
     let (mut stats, mut counted) = (BTreeMap::new(), BTreeMap::new());
-    let mut columns: Vec<Column> = Vec::new();
+    let mut columns: Vec<NamedCells> = Vec::new();
     for (name, width, numbers) in numbers {
         stats.insert(name.to_owned(), FeatureStats::of_values(&numbers, width));
         columns.push((name.to_owned(), Cells::FloatList { width, numbers }));

@@ -11,29 +11,19 @@ use sim::serve::protocol::Outcome;
 
 use crate::plan::RunPlan;
 use crate::selection::condition::{Condition, parse_condition};
+use crate::store::results::columns::{Column, EpisodeKey};
 use crate::store::results::error::{ResultsFileError, StoreError, cause};
 use crate::store::results::manifest::{ENVIRONMENT, Manifest};
 use crate::store::results::{integrity, manifest, open, schema};
-use crate::store::stored_episode::format_fingerprint;
 
 /// An open results file.
 #[derive(Debug)]
 pub(crate) struct Results {
-    connection: Connection,
+    pub(crate) connection: Connection,
     path: PathBuf,
     // Excludes a second writer until the connection is closed. SQLite's own POSIX locks are lost when any
     // descriptor of the file is closed, so this descriptor must outlive the connection.
     lock: File,
-}
-
-/// The primary key of an episode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct EpisodeKey<'a> {
-    /// Name of the policy.
-    pub(crate) policy: &'a str,
-    pub(crate) condition: Condition,
-    /// Index of the episode under the suite seed.
-    pub(crate) episode: u32,
 }
 
 /// The episodes of a plan that a results file has: indices of policy and condition, and of the episode.
@@ -130,33 +120,14 @@ impl Results {
         if !self.is_in_place() {
             return Err(StoreError::Gone { path: self.path.clone() });
         }
-        let Condition { task, perturbation } = key.condition;
-        let ledger = &outcome.ledger;
-        let mut values: Vec<Value> = vec![
-            key.policy.to_owned().into(),
-            task.name().to_owned().into(),
-            perturbation.name().into(),
-            key.episode.into(),
-            // Episode seeds are below 2⁶³.
-            seed.cast_signed().into(),
-            outcome.steps.into(),
-            outcome.success_once.into(),
-            outcome.success_at_end.into(),
-            outcome.first_success_step.into(),
-            outcome.failed_predicate.clone().into(),
-            format_fingerprint(outcome.fingerprint).into(),
-            outcome.error.clone().into(),
-            ledger.physics_s.into(),
-            ledger.render_s.into(),
-            ledger.policy_s.into(),
-            ledger.wait_s.into(),
-        ];
+        let of_outcome = |column: &Column| column.of_outcome(&key, seed, outcome);
+        let mut values: Vec<Value> = Column::checked().iter().map(of_outcome).collect();
         values.push(integrity::checksum(values.iter().map(ValueRef::from)).into());
         let actions = outcome.actions.as_ref();
         values.push(actions.map(|actions| integrity::sealed_actions(to_bytes(actions), seed)).into());
         let stored = self
             .connection
-            .prepare_cached(schema::RECORD)
+            .prepare_cached(&schema::record())
             .and_then(|mut statement| statement.execute(params_from_iter(values)));
         stored.map(|_| ()).map_err(|error| self.not_written(error))
     }
@@ -172,19 +143,22 @@ impl Results {
         let conditions: HashMap<(String, String), u32> = names.zip(0..).collect();
         let read = || {
             let mut finished = HashSet::new();
-            let mut statement = self.connection.prepare(schema::FINISHED)?;
+            let mut statement = self.connection.prepare(&schema::finished())?;
             let mut rows = statement.query([])?;
             // Rows are sorted by condition, so the names of one condition are looked up once.
             let mut names = (String::new(), String::new());
             let mut condition = None;
             while let Some(row) = rows.next()? {
-                let (task, perturbation) = (row.get_ref(1)?.as_str()?, row.get_ref(2)?.as_str()?);
+                let (task, perturbation) = (
+                    row.get_ref(Column::Task as usize)?.as_str()?,
+                    row.get_ref(Column::Perturbation as usize)?.as_str()?,
+                );
                 if (names.0.as_str(), names.1.as_str()) != (task, perturbation) {
                     names = (task.to_owned(), perturbation.to_owned());
                     condition = conditions.get(&names);
                 }
-                let episode = row.get(3)?;
-                let policy = policies.get(row.get_ref(0)?.as_str()?);
+                let episode = row.get(Column::Episode as usize)?;
+                let policy = policies.get(row.get_ref(Column::Policy as usize)?.as_str()?);
                 if let (Some(policy), Some(condition)) = (policy, condition)
                     && episode < plan.episodes
                 {
@@ -201,7 +175,7 @@ impl Results {
     /// # Errors
     /// If they cannot be counted.
     pub(crate) fn n_finished(&self) -> Result<u64, StoreError> {
-        let count = self.connection.query_row(schema::N_FINISHED, [], |row| row.get::<_, i64>(0));
+        let count = self.connection.query_row(&schema::n_finished(), [], |row| row.get::<_, i64>(0));
         count.map(i64::unsigned_abs).map_err(|error| self.not_read(error))
     }
 
@@ -228,7 +202,7 @@ impl Results {
     ) -> Result<CellSums, StoreError> {
         let Condition { task, perturbation } = condition;
         let read = || {
-            let mut statement = self.connection.prepare_cached(schema::SUMS)?;
+            let mut statement = self.connection.prepare_cached(&schema::sums())?;
             statement.query_row(params![policy, task.name(), perturbation.name(), n_episodes], |row| {
                 Ok(CellSums {
                     n: row.get(0)?,
@@ -249,7 +223,7 @@ impl Results {
     /// If they cannot be read.
     pub(crate) fn successes(&self, policy: &str) -> Result<Vec<(Condition, u32, Option<bool>)>, StoreError> {
         let read = || {
-            let mut statement = self.connection.prepare(schema::SUCCESSES)?;
+            let mut statement = self.connection.prepare(&schema::successes())?;
             let rows = statement.query_map([policy], |row| {
                 let (task, perturbation): (String, String) = (row.get(0)?, row.get(1)?);
                 Ok((task, perturbation, row.get(2)?, row.get(3)?))
@@ -304,6 +278,3 @@ impl FinishedEpisodes {
 fn to_bytes(patterns: &[u32]) -> Vec<u8> {
     patterns.iter().flat_map(|pattern| pattern.to_le_bytes()).collect()
 }
-
-#[cfg(test)]
-mod tests;

@@ -1,14 +1,19 @@
 //! Tests of results files: storing, resuming and refusing.
 
+use std::path::Path;
+
+use rusqlite::Connection;
 use sim::perturb::Composition;
 use sim::serve::protocol::{EpisodeLedger, Outcome};
 use sim::{Perturbation, TaskId};
 
 use crate::fleet::FleetError;
+use crate::plan::RunPlan;
 use crate::plan::sweep::SweepArgs;
+use crate::selection::condition::Condition;
+use crate::store::results::episodes::*;
 use crate::store::results::sealing::seal;
-use crate::store::results::store::*;
-use crate::store::results::{RecordedEpisodes, ResultsFile};
+use crate::store::results::{EpisodeKey, Manifest, RecordedEpisodes, ResultsFile, StoreError};
 
 const CONDITION: Condition =
     Condition { task: TaskId::RaiseCube, perturbation: Composition::single(Perturbation::None) };
@@ -397,7 +402,7 @@ fn full_disk_is_for_the_user_to_fix() {
     let error = anyhow::Error::from(stored.unwrap_err());
     let message = format!("{error:#}").replace(&format!("{}/", folder.path().display()), "");
     insta::assert_snapshot!(message, @"failed to write to the results file a.db: database or disk is full; finished episodes are stored, and the same command resumes");
-    assert!(FleetError::Sink(error).is_user_error());
+    assert!(FleetError::Observer(error).is_user_error());
 }
 
 #[test]
@@ -413,7 +418,7 @@ fn lock_by_another_process_keeps_finished_episodes() {
     let error = anyhow::Error::from(results.record(key(1), 8, &outcome(true, None)).unwrap_err());
     let message = format!("{error:#}").replace(&format!("{}/", folder.path().display()), "");
     insta::assert_snapshot!(message, @"failed to write to the results file a.db: database is locked; finished episodes are stored, and the same command resumes");
-    assert!(FleetError::Sink(error).is_user_error());
+    assert!(FleetError::Observer(error).is_user_error());
     drop(results);
     drop(other);
     let mut again = Results::open(&path, &idle).unwrap();
