@@ -1,7 +1,7 @@
 //! The interface between the supervisor and the world: child processes, their messages, shared memory that
 //! they leave behind, and time.
 //!
-//! The supervisor does nothing but through this trait and its sink, so that a simulated world can replace the
+//! The supervisor does nothing but through this trait and its observer, so that a simulated world can replace the
 //! real one.
 
 use std::io;

@@ -76,7 +76,7 @@ pub(crate) enum FleetError {
     )]
     RendererChanged { earlier: String, now: String },
     #[error(transparent)]
-    Sink(anyhow::Error),
+    Observer(anyhow::Error),
 }
 
 /// Errors that can occur while preparing the base folder of runs.
@@ -127,7 +127,7 @@ impl FleetError {
             | Self::Renderer(_)
             | Self::RendererChanged { .. } => true,
             // A full disk, a deleted file, a lock.
-            Self::Sink(error) => exit::is_user_error(error),
+            Self::Observer(error) => exit::is_user_error(error),
             // A limit of processes, files or memory.
             Self::Spawn { source, .. } => is_refusal(source),
             Self::TooManyFailures { .. } | Self::Stuck { .. } => false,

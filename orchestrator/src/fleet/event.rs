@@ -7,7 +7,7 @@ use crate::fleet::processes::member::MemberRole;
 use crate::fleet::processes::process::ChildOutput;
 use crate::plan::jobs::Job;
 
-/// A report of the fleet to its sink.
+/// A report of the fleet to its observer.
 #[derive(Debug)]
 pub(crate) enum FleetEvent<'a> {
     /// An episode is finished.
@@ -22,11 +22,22 @@ pub(crate) enum FleetEvent<'a> {
     Log(&'a str),
 }
 
-/// The receiver of a fleet's events. An error ends the run.
-pub(crate) type Sink<'a> = dyn FnMut(FleetEvent<'_>) -> anyhow::Result<()> + 'a;
+/// The receiver of a fleet's events.
+pub(crate) trait Observer {
+    /// Handles an event. An error ends the run.
+    fn on_event(&mut self, event: &FleetEvent<'_>) -> anyhow::Result<()>;
 
-/// Returns `true` if a job is still to be run when its turn comes. Others are dropped without an event.
-pub(crate) type IsWanted<'a> = dyn Fn(&Job) -> bool + 'a;
+    /// Returns `true` if a job is still to be run when its turn comes. Others are dropped without an event.
+    fn is_wanted(&mut self, _job: &Job) -> bool {
+        true
+    }
+}
+
+impl<F: FnMut(&FleetEvent<'_>) -> anyhow::Result<()>> Observer for F {
+    fn on_event(&mut self, event: &FleetEvent<'_>) -> anyhow::Result<()> {
+        self(event)
+    }
+}
 
 /// The end of a run without an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

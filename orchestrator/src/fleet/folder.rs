@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::config::FleetConfig;
 use super::error::{BaseError, FleetError};
-use super::event::{FleetEvent, Sink};
+use super::event::{FleetEvent, Observer};
 use crate::plan::lanes::PolicyLane;
 
 /// Permission bits of everybody but the owner.
@@ -92,7 +92,7 @@ struct LaneDescription<'a> {
 pub(crate) fn describe_foreign_lanes(
     config: &FleetConfig,
     domain: &Domain,
-    sink: &mut Sink<'_>,
+    observer: &mut dyn Observer,
 ) -> Result<(), FleetError> {
     for policy in &config.lanes {
         if let PolicySpec::Attach(name) = &policy.spec {
@@ -100,7 +100,7 @@ pub(crate) fn describe_foreign_lanes(
             let policy = &policy.lane.spec.policy;
             let line =
                 format!("policy `{policy}` waits for a foreign host; its lane is in {}", path.display());
-            sink(FleetEvent::Log(&line)).map_err(FleetError::Sink)?;
+            observer.on_event(&FleetEvent::Log(&line)).map_err(FleetError::Observer)?;
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 //! shut down.
 //!
 //! A fleet owns the processes, the run's shared-memory domain and the queue of episodes. It knows nothing of
-//! results files or terminals: everything it reports goes to a sink. There is one event enum and one loop
+//! results files or terminals: everything it reports goes to an observer. There is one event enum and one loop
 //! ([`supervisor`]), and every wait in that loop is bounded.
 
 mod children;
@@ -23,7 +23,7 @@ use ipc_types::link::Domain;
 pub(crate) use self::config::{FleetConfig, Limits};
 pub(crate) use self::error::FleetError;
 use self::event::SupervisorEvent;
-pub(crate) use self::event::{FleetEvent, IsWanted, RunStatus, Sink};
+pub(crate) use self::event::{FleetEvent, Observer, RunStatus};
 pub(crate) use self::folder::base;
 use self::processes::Processes;
 use self::queue::JobQueue;
@@ -70,13 +70,12 @@ impl Fleet {
     /// and the run's shared memory is removed.
     ///
     /// # Errors
-    /// If there is not enough shared memory, a child fails repeatedly, a lane fails, or the sink returns an
-    /// error. Episodes that finished before have gone to the sink.
+    /// If there is not enough shared memory, a child fails repeatedly, a lane fails, or the observer
+    /// returns an error. Episodes that finished before have gone to the observer.
     pub(crate) fn run(
         self,
         jobs: &JobList,
-        is_wanted: &IsWanted<'_>,
-        sink: &mut Sink<'_>,
+        observer: &mut dyn Observer,
     ) -> Result<(RunStatus, Totals), FleetError> {
         let config = &self.config;
         let specs: Vec<_> = config.lanes.iter().map(|policy| policy.lane.spec.clone()).collect();
@@ -85,7 +84,7 @@ impl Fleet {
         let n_removed = Domain::remove_stale(&config.base);
         if n_removed > 0 {
             let line = format!("removed the shared memory of {n_removed} crashed runs");
-            sink(FleetEvent::Log(&line)).map_err(FleetError::Sink)?;
+            observer.on_event(&FleetEvent::Log(&line)).map_err(FleetError::Observer)?;
         }
         let domain = Domain::new(&config.base, config.run_id);
         let lease = match domain.create(&specs, &config.shm) {
@@ -95,10 +94,10 @@ impl Fleet {
                 return Err(error.into());
             }
         };
-        let ran = folder::describe_foreign_lanes(config, &domain, sink).and_then(|()| {
+        let ran = folder::describe_foreign_lanes(config, &domain, observer).and_then(|()| {
             let mut children = Processes::new(&config.program, &domain, (self.events, self.inbox));
-            let pending = JobQueue::new(jobs, config.paired, is_wanted);
-            Supervisor::new(config, &domain, &mut children, pending, sink).run()
+            let pending = JobQueue::new(jobs, config.paired);
+            Supervisor::new(config, &domain, &mut children, pending, observer).run()
         });
         let removed = domain.remove();
         drop(lease);

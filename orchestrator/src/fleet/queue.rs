@@ -4,16 +4,14 @@ use std::iter::Peekable;
 
 use sim::serve::protocol::Driver;
 
-use super::event::IsWanted;
 use crate::plan::jobs::{DriverJobs, Job, JobList};
 
-/// A queue from which unwanted jobs disappear. Each driver has a limit of its own, so that one that does not
+/// A queue from which jobs disappear that are unwanted when their turn comes. Each driver has a limit of its own, so that one that does not
 /// finish its episodes holds nobody else up.
-pub(crate) struct JobQueue<'a> {
+pub(crate) struct JobQueue {
     drivers: Vec<DriverQueue>,
     /// `true` if no driver may get far ahead of another that still has jobs.
     in_step: bool,
-    is_wanted: &'a IsWanted<'a>,
 }
 
 /// The jobs of one driver.
@@ -49,15 +47,15 @@ impl DriverQueue {
     }
 }
 
-impl<'a> JobQueue<'a> {
-    pub(crate) fn new(jobs: &JobList, in_step: bool, is_wanted: &'a IsWanted<'a>) -> Self {
+impl JobQueue {
+    pub(crate) fn new(jobs: &JobList, in_step: bool) -> Self {
         let queues = jobs.drivers().map(|driver| DriverQueue::new(driver, jobs.of_driver(driver)));
-        Self { drivers: queues.filter(|queue| !queue.is_empty).collect(), in_step, is_wanted }
+        Self { drivers: queues.filter(|queue| !queue.is_empty).collect(), in_step }
     }
 
     /// Takes the next job that is wanted now, in the order of the plan. Skips the drivers that have work for
     /// all `envs` envs and their share of as many ahead of time, and those that are too far ahead of another.
-    pub(crate) fn next(&mut self, envs: usize) -> Option<Job> {
+    pub(crate) fn next(&mut self, envs: usize, is_wanted: &mut dyn FnMut(&Job) -> bool) -> Option<Job> {
         let n_active = self.drivers.iter().filter(|queue| queue.is_active()).count();
         let limit = envs + envs.div_ceil(n_active.max(1));
         loop {
@@ -67,7 +65,7 @@ impl<'a> JobQueue<'a> {
             let firsts = open.filter_map(|queue| Some((queue.first().filter(|first| *first < end)?, queue)));
             let (_, queue) = firsts.min_by_key(|(first, _)| *first)?;
             let job = queue.pop()?;
-            if (self.is_wanted)(&job) {
+            if is_wanted(&job) {
                 queue.n_outstanding += 1;
                 return Some(job);
             }
@@ -87,11 +85,11 @@ impl<'a> JobQueue<'a> {
     }
 
     /// Takes all jobs of a driver that are wanted now.
-    pub(crate) fn take_all(&mut self, driver: Driver) -> Vec<Job> {
+    pub(crate) fn take_all(&mut self, driver: Driver, is_wanted: &mut dyn FnMut(&Job) -> bool) -> Vec<Job> {
         let Some(queue) = self.drivers.iter_mut().find(|queue| queue.driver == driver) else {
             return Vec::new();
         };
-        std::iter::from_fn(|| queue.pop()).filter(|job| (self.is_wanted)(job)).collect()
+        std::iter::from_fn(|| queue.pop()).filter(|job| is_wanted(job)).collect()
     }
 
     /// Returns the number of drivers that have had jobs.
@@ -116,10 +114,9 @@ mod tests {
     fn n_of_faster(in_step: bool) -> usize {
         let arguments = "--policy idle --policy random --tasks RaiseCube --episodes 200";
         let plan = RunPlan::new(&SweepArgs::parse(arguments).unwrap()).unwrap();
-        let mut queue =
-            JobQueue::new(&JobList::unfinished(&plan, FinishedEpisodes::default()), in_step, &|_| true);
+        let mut queue = JobQueue::new(&JobList::unfinished(&plan, FinishedEpisodes::default()), in_step);
         let mut n_finished = 0;
-        while let Some(job) = queue.next(10) {
+        while let Some(job) = queue.next(10, &mut |_| true) {
             if job.driver == Driver::Lane(0) {
                 queue.on_finished(job.driver);
                 n_finished += 1;

@@ -12,9 +12,9 @@ use run_config::{Execution, RunConfig};
 
 use crate::console::exit::{Failure, OrUser};
 use crate::console::interrupt;
-use crate::fleet::{self, Fleet, FleetConfig, FleetError, FleetEvent, IsWanted, RunStatus, Totals};
+use crate::fleet::{self, Fleet, FleetConfig, FleetError, FleetEvent, Observer, RunStatus, Totals};
 use crate::plan::capacity::Capacity;
-use crate::plan::jobs::JobList;
+use crate::plan::jobs::{Job, JobKey, JobList};
 use crate::plan::lanes::lanes;
 use crate::plan::{RunPlan, check_latency};
 use crate::selection::policy::{Identity, NamedPolicy};
@@ -77,8 +77,7 @@ pub(crate) fn execute(
     identities: &[Identity],
     mut todo: JobList,
     earlier_renderer: Option<&str>,
-    is_wanted: &IsWanted<'_>,
-    mut sink: impl FnMut(FleetEvent<'_>) -> anyhow::Result<()>,
+    observer: &mut dyn Observer,
 ) -> Result<(RunStatus, Totals), Failure> {
     if todo.len() == 0 {
         // No fleet starts, which would remove what crashed runs have left.
@@ -86,28 +85,43 @@ pub(crate) fn execute(
     }
     let (mut n_moves, mut can_move) = (0, true);
     while todo.len() > 0 {
-        let mut finished = HashSet::new();
         let fleet = fleet(plan, identities, todo.len(), earlier_renderer.map(str::to_owned), can_move)?;
         let stopper = fleet.stopper();
         let _watch = interrupt::watch(move || stopper.stop()).context("failed to install signal handlers")?;
-        let result = fleet.run(&todo, is_wanted, &mut |event| {
-            if let FleetEvent::EpisodeFinished(job, _) = event {
-                finished.insert(job.key());
-            }
-            sink(event)
-        });
+        let mut tracker = FinishedJobs { observer, finished: HashSet::new() };
+        let result = fleet.run(&todo, &mut tracker);
+        let finished = tracker.finished;
         match result {
             Err(error) if error.may_go_on_elsewhere() && n_moves < MAX_MOVES => {
                 n_moves += 1;
                 // A child that fails wherever it is started is not the fault of shared memory.
                 can_move = n_moves < MAX_MOVES && !finished.is_empty();
-                sink(FleetEvent::Log(&format!("{error}; continuing under other names")))?;
+                observer.on_event(&FleetEvent::Log(&format!("{error}; continuing under other names")))?;
                 todo = todo.without(finished);
             }
             result => return result.map_err(as_failure),
         }
     }
     Ok((RunStatus::Complete, Totals::default()))
+}
+
+/// Remembers which jobs are finished, on the way to another observer.
+struct FinishedJobs<'a> {
+    observer: &'a mut dyn Observer,
+    finished: HashSet<JobKey>,
+}
+
+impl Observer for FinishedJobs<'_> {
+    fn on_event(&mut self, event: &FleetEvent<'_>) -> anyhow::Result<()> {
+        if let FleetEvent::EpisodeFinished(job, _) = event {
+            self.finished.insert(job.key());
+        }
+        self.observer.on_event(event)
+    }
+
+    fn is_wanted(&mut self, job: &Job) -> bool {
+        self.observer.is_wanted(job)
+    }
 }
 
 /// Makes the fleet for `n_jobs` episodes of a plan, whose policies have these identities. Starts nothing.

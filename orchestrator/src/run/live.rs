@@ -1,9 +1,51 @@
-//! Running success rates of a run, for the progress display.
+//! The display of a run in progress: its progress and its success rates so far.
 
+use crate::console::progress::Progress;
+use crate::fleet::FleetEvent;
 use crate::plan::RunPlan;
 use crate::run::stopping::Stopping;
 use crate::statistics::{Z95, wilson_interval};
 use crate::store::results::{Results, StoreError};
+
+/// The display of a run.
+#[derive(Debug)]
+pub(crate) struct LiveView {
+    progress: Progress,
+    success: RunningSuccess,
+    /// Jobs that were dropped since the display was updated.
+    n_skipped: u64,
+}
+
+impl LiveView {
+    pub(crate) fn new(progress: Progress, success: RunningSuccess) -> Self {
+        Self { progress, success, n_skipped: 0 }
+    }
+
+    /// Shows an event.
+    pub(crate) fn on_event(&mut self, event: &FleetEvent<'_>, stopping: Option<&Stopping>) {
+        match event {
+            FleetEvent::EpisodeFinished(job, outcome) => {
+                self.success.add(job.policy_idx, outcome.success());
+                self.progress.skip(std::mem::take(&mut self.n_skipped));
+                self.progress.status(&self.success.parts(stopping));
+                self.progress.tick();
+            }
+            FleetEvent::Counters(counters) => self.progress.counters(counters),
+            FleetEvent::Log(line) => self.progress.log(line),
+            FleetEvent::RendererReady(_) | FleetEvent::Spans(..) => {}
+        }
+    }
+
+    /// Counts a job that was dropped.
+    pub(crate) fn on_skipped(&mut self) {
+        self.n_skipped += 1;
+    }
+
+    /// Removes the display.
+    pub(crate) fn finish(&self) {
+        self.progress.finish();
+    }
+}
 
 /// Successes so far, by policy.
 #[derive(Debug)]

@@ -4,6 +4,8 @@
 pub(crate) mod execution;
 pub(crate) mod live;
 pub(crate) mod movie;
+pub(crate) mod observer;
 pub(crate) mod playback;
+pub(crate) mod recorder;
 pub(crate) mod stopping;
 pub(crate) mod trace_file;

@@ -31,8 +31,8 @@ use self::scenario::{FAULTS, FaultKind, FaultScenario};
 use self::world::FakeWorld;
 use super::queue::JobQueue;
 use super::supervisor::Supervisor;
-use super::{FleetError, FleetEvent, RunStatus};
-use crate::plan::jobs::JobList;
+use super::{FleetError, FleetEvent, Observer, RunStatus};
+use crate::plan::jobs::{Job, JobList};
 
 /// Number of seeds.
 const N_SEEDS: u64 = 10_000;
@@ -43,6 +43,22 @@ struct FaultyRun {
     result: &'static str,
     struck: BTreeSet<FaultKind>,
     log: VecDeque<String>,
+}
+
+/// Watches a run.
+struct Watcher<'a, 's> {
+    scenario: &'a FaultScenario,
+    history: &'a RefCell<RunHistory<'s>>,
+}
+
+impl Observer for Watcher<'_, '_> {
+    fn on_event(&mut self, event: &FleetEvent<'_>) -> anyhow::Result<()> {
+        self.history.borrow_mut().on_report(event)
+    }
+
+    fn is_wanted(&mut self, job: &Job) -> bool {
+        self.scenario.is_wanted(job)
+    }
 }
 
 /// Runs a seed, or fails with the end of its log.
@@ -66,10 +82,9 @@ fn supervise<'s>(
     let config = &scenario.config;
     let domain = Domain::new(&config.base, config.run_id);
     let mut world = FakeWorld::new(scenario, history);
-    let is_wanted = |job: &_| scenario.is_wanted(job);
-    let pending = JobQueue::new(&JobList::of(scenario.jobs.clone()), config.paired, &is_wanted);
-    let mut sink = |event: FleetEvent<'_>| history.borrow_mut().on_report(&event);
-    let result = Supervisor::new(config, &domain, &mut world, pending, &mut sink).run();
+    let pending = JobQueue::new(&JobList::of(scenario.jobs.clone()), config.paired);
+    let mut observer = Watcher { scenario, history };
+    let result = Supervisor::new(config, &domain, &mut world, pending, &mut observer).run();
     assert!(world.children.is_empty(), "nobody has waited for a child");
     let history = history.borrow();
     let (shutdown_start, _) = history.shutdown.expect("the children were asked to exit");
@@ -84,7 +99,7 @@ fn kind<T>(result: &Result<(RunStatus, T), FleetError>) -> &'static str {
     match result {
         Ok((RunStatus::Complete, _)) => "complete",
         Ok((RunStatus::Stopped, _)) => "stopped",
-        Err(FleetError::Sink(_)) => "disk full",
+        Err(FleetError::Observer(_)) => "disk full",
         Err(FleetError::Spawn { .. }) => "spawn failed",
         Err(FleetError::Intruder { .. }) => "intruder",
         Err(FleetError::Shortage { .. }) => "shortage",

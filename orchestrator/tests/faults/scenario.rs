@@ -123,7 +123,7 @@ pub(crate) struct FaultScenario {
     pub(crate) faults_end: Duration,
     /// Virtual times at which the user requests a stop.
     pub(crate) stops: Vec<Duration>,
-    /// Number of reports to the sink before the disk is full.
+    /// Number of reports to the observer before the disk is full.
     pub(crate) disk_full_after: Option<u64>,
     /// Longest duration of an episode that nothing interrupts.
     pub(crate) longest_ms: u64,

@@ -16,7 +16,7 @@ impl RunHistory<'_> {
             Ok((RunStatus::Stopped, _)) => assert!(has(EndCause::Stop), "nobody has requested a stop"),
             Err(error) => {
                 let is_justified = match error {
-                    FleetError::Sink(_) => has(EndCause::DiskFull),
+                    FleetError::Observer(_) => has(EndCause::DiskFull),
                     FleetError::Spawn { .. } => has(EndCause::SpawnFailed),
                     FleetError::Intruder { .. } => has(EndCause::Intruder),
                     FleetError::Shortage { .. } => has(EndCause::Shortage),

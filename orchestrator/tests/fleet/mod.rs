@@ -100,7 +100,7 @@ impl TestFleet {
         let fleet = Fleet::new(self.config.clone());
         let stopper = fleet.stopper();
         let (mut finished, mut errors, mut log) = (Vec::new(), Vec::new(), Vec::new());
-        let result = fleet.run(&jobs, &|_| true, &mut |event| {
+        let result = fleet.run(&jobs, &mut |event: &FleetEvent<'_>| {
             match event {
                 FleetEvent::EpisodeFinished(_, Outcome { error: Some(error), .. }) => {
                     errors.push(error.clone());
@@ -109,7 +109,7 @@ impl TestFleet {
                 FleetEvent::Counters(_) | FleetEvent::RendererReady(_) | FleetEvent::Spans(..) => {}
                 FleetEvent::Log(line) => {
                     watch(line, &stopper);
-                    log.push(line.to_owned());
+                    log.push((*line).to_owned());
                 }
             }
             Ok(())
@@ -266,7 +266,7 @@ fn taken_attach_name_is_refused() {
     let run = first.run(|line, stopper| {
         if line.contains("its lane is in") {
             let fleet = Fleet::new(second.config.clone());
-            let error = fleet.run(&JobList::of(Vec::new()), &|_| true, &mut |_| Ok(())).unwrap_err();
+            let error = fleet.run(&JobList::of(Vec::new()), &mut |_: &FleetEvent<'_>| Ok(())).unwrap_err();
             refused = Some((error.is_user_error(), error.to_string()));
             stopper.stop();
         }

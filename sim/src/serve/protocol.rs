@@ -183,6 +183,14 @@ pub struct Outcome {
     pub error: Option<String>,
 }
 
+impl Outcome {
+    /// Returns success after at least one step; `None` if the episode could not be completed.
+    #[must_use]
+    pub fn success(&self) -> Option<bool> {
+        self.error.is_none().then_some(self.success_once)
+    }
+}
+
 /// Time spent on one episode, in seconds by stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeLedger {

@@ -122,7 +122,9 @@ impl Supervisor<'_> {
                 self.totals.on_sim_counters(counters);
                 self.measure_memory();
                 self.tune();
-                (self.sink)(FleetEvent::Counters(&self.totals.sim())).map_err(FleetError::Sink)
+                self.observer
+                    .on_event(&FleetEvent::Counters(&self.totals.sim()))
+                    .map_err(FleetError::Observer)
             }
             SimEvent::Spans(spans) => self.report_spans(MemberRole::Sim, &spans),
             SimEvent::RendererFailed { message } => Err(FleetError::Renderer(message)),
@@ -137,7 +139,7 @@ impl Supervisor<'_> {
 
     fn report_spans(&mut self, role: MemberRole, spans: &[TraceSpan]) -> Result<(), FleetError> {
         let name = self.name(role);
-        (self.sink)(FleetEvent::Spans(&name, spans)).map_err(FleetError::Sink)
+        self.observer.on_event(&FleetEvent::Spans(&name, spans)).map_err(FleetError::Observer)
     }
 
     fn measure_memory(&mut self) {
@@ -162,7 +164,7 @@ impl Supervisor<'_> {
         if let Some(earlier) = self.totals.renderer_identity.take_if(|earlier| *earlier != now) {
             return Err(FleetError::RendererChanged { earlier, now });
         }
-        (self.sink)(FleetEvent::RendererReady(&now)).map_err(FleetError::Sink)?;
+        self.observer.on_event(&FleetEvent::RendererReady(&now)).map_err(FleetError::Observer)?;
         self.totals.renderer_identity = Some(now);
         Ok(())
     }
@@ -194,7 +196,8 @@ impl Supervisor<'_> {
 
     fn assign_jobs(&mut self) {
         while self.sim.is_up() {
-            let Some(job) = self.pending.next(self.envs() as usize) else { return };
+            let (envs, observer) = (self.envs() as usize, &mut *self.observer);
+            let Some(job) = self.pending.next(envs, &mut |job| observer.is_wanted(job)) else { return };
             let id = self.next_id;
             self.next_id += 1;
             self.outstanding.insert(id, job);
@@ -211,6 +214,6 @@ impl Supervisor<'_> {
         if let Driver::Lane(lane) = job.driver {
             self.hosts[lane as usize].reset_failures();
         }
-        (self.sink)(FleetEvent::EpisodeFinished(&job, outcome)).map_err(FleetError::Sink)
+        self.observer.on_event(&FleetEvent::EpisodeFinished(&job, outcome)).map_err(FleetError::Observer)
     }
 }

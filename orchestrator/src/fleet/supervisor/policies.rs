@@ -77,13 +77,16 @@ impl Supervisor<'_> {
             self.outstanding.iter().filter(|(_, job)| job.driver == driver).map(|(id, _)| *id).collect();
         let mut jobs: Vec<Job> = ids.iter().filter_map(|id| self.outstanding.remove(id)).collect();
         jobs.iter().for_each(|job| self.pending.on_finished(job.driver));
-        jobs.extend(self.pending.take_all(driver));
+        let observer = &mut *self.observer;
+        jobs.extend(self.pending.take_all(driver, &mut |job| observer.is_wanted(job)));
         let policy = &self.config.lanes[lane as usize].lane.spec.policy;
         let n_jobs = jobs.len();
         self.log(&format!("{error}; gave up policy `{policy}`: its {n_jobs} remaining episodes are errors"))?;
         let outcome = failed_outcome(format!("the policy was given up: {}", error.summary()));
         for job in &jobs {
-            (self.sink)(FleetEvent::EpisodeFinished(job, &outcome)).map_err(FleetError::Sink)?;
+            self.observer
+                .on_event(&FleetEvent::EpisodeFinished(job, &outcome))
+                .map_err(FleetError::Observer)?;
         }
         Ok(())
     }

@@ -10,7 +10,7 @@ use sim::serve::protocol::{Lane, SimCommand};
 use super::super::children::Children;
 use super::super::config::FleetConfig;
 use super::super::error::FleetError;
-use super::super::event::{FleetEvent, Sink};
+use super::super::event::{FleetEvent, Observer};
 use super::super::queue::JobQueue;
 use crate::fleet::processes::member::{Member, MemberRole};
 use crate::fleet::tuning::totals::Totals;
@@ -26,7 +26,7 @@ pub(crate) struct Supervisor<'a> {
     pub(crate) sim: Member,
     /// By lane; the member of a foreign host stays vacant.
     pub(crate) hosts: Vec<Member>,
-    pub(crate) pending: JobQueue<'a>,
+    pub(crate) pending: JobQueue,
     /// Jobs assigned to the sim, by assignment id.
     pub(crate) outstanding: BTreeMap<u64, Job>,
     pub(crate) next_id: u64,
@@ -42,7 +42,7 @@ pub(crate) struct Supervisor<'a> {
     pub(crate) is_ending: bool,
     /// Processes that the kernel had killed for lack of memory before, and children that it has killed since.
     pub(crate) oom_kills: u64,
-    pub(crate) sink: &'a mut Sink<'a>,
+    pub(crate) observer: &'a mut dyn Observer,
 }
 
 /// Commands that a report of the sim lacked.
@@ -75,8 +75,8 @@ impl<'a> Supervisor<'a> {
         config: &'a FleetConfig,
         domain: &'a Domain,
         children: &'a mut dyn Children,
-        pending: JobQueue<'a>,
-        sink: &'a mut Sink<'a>,
+        pending: JobQueue,
+        observer: &'a mut dyn Observer,
     ) -> Self {
         let (n_lanes, capacity, n_cores) = (config.lanes.len(), config.capacity, children.n_cores());
         let mut totals = Totals::new(n_lanes, config.earlier_renderer.clone());
@@ -99,7 +99,7 @@ impl<'a> Supervisor<'a> {
             progress: WorkWatch::default(),
             is_ending: false,
             oom_kills,
-            sink,
+            observer,
         }
     }
 
@@ -139,7 +139,7 @@ impl<'a> Supervisor<'a> {
     }
 
     pub(crate) fn log(&mut self, line: &str) -> Result<(), FleetError> {
-        (self.sink)(FleetEvent::Log(line)).map_err(FleetError::Sink)
+        self.observer.on_event(&FleetEvent::Log(line)).map_err(FleetError::Observer)
     }
 
     pub(crate) fn name(&self, role: MemberRole) -> String {
