@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use policy_host::checkpoint::{CheckpointFolderError, resolve};
-use policy_host::content::{CheckpointContent, ReadContentError};
 use policy_host::device::supports_gpu;
+use policy_host::formats::content::{CheckpointContent, ReadContentError};
+use policy_host::formats::{CheckpointFolderError, resolve};
 use policy_host::{PolicySpec, PolicySpecError};
 use run_config::{Execution, QueryMode};
 use serde::{Deserialize, Serialize};

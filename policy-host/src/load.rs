@@ -7,17 +7,18 @@ use run_config::{DeviceChoice, QueryOptions};
 use thiserror::Error;
 
 use crate::QueryMode;
-use crate::act::{self, ActPolicy};
-use crate::checkpoint::CheckpointFolderError;
-#[cfg(feature = "gpu")]
-use crate::checkpoint::LoadGpuError;
 use crate::device::{DeviceError, DeviceRequest};
-use crate::ensemble::Ensemble;
-use crate::idle::IdlePolicy;
+use crate::formats::CheckpointFolderError;
+#[cfg(feature = "gpu")]
+use crate::models::LoadGpuError;
+use crate::models::act::ActPolicy;
+use crate::models::idle::IdlePolicy;
+use crate::models::pi05::Pi05Policy;
+use crate::models::random::RandomPolicy;
+use crate::models::{act, pi05};
 use crate::nn::Precision;
-use crate::pi05::{self, Pi05Policy};
+use crate::policy::ensemble::Ensemble;
 use crate::policy::{Policy, PolicyCheck};
-use crate::random::RandomPolicy;
 use crate::spec::{Pi05Source, PolicySpec};
 
 /// Errors that can occur while loading a policy or checking it against a run.

@@ -2,7 +2,8 @@
 
 use std::sync::LazyLock;
 
-use policy_host::pi05::prompt::{Prompter, TOKENIZER_FILE, prompt};
+use policy_host::models::pi05::processor::prompt;
+use policy_host::text::paligemma::{Prompter, TOKENIZER_FILE};
 use run_config::error_chain;
 
 use super::edits::Edits;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
 use clap::Args;
-use policy_host::content::CheckpointContent;
+use policy_host::formats::content::CheckpointContent;
 
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::output::print_message;

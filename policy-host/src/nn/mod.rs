@@ -12,25 +12,16 @@
 
 pub mod attention;
 pub mod conv;
-pub mod feature_map;
 pub mod gelu;
+pub mod gemm;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod linear;
-pub mod matmul;
 pub mod norm;
-pub mod packed;
-pub mod peak;
-pub mod pool;
 pub mod projection;
 pub mod rotary;
 
 mod isa;
-mod quantised;
-mod shared;
-mod stored;
-mod tile;
-mod winograd;
 
 /// Numeric precision of a layer's weights and products.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use super::protocol::HostConfig;
 use crate::PolicySpec;
-use crate::content::CheckpointContent;
+use crate::formats::content::CheckpointContent;
 
 /// A checkpoint whose content is the one that the run started with.
 #[derive(Debug)]

@@ -1,6 +1,6 @@
 //! Weight files: the safetensors reader, memory-mapped tensors, the errors, and the in-memory state dict.
 //!
-//! [`checkpoint`](crate::checkpoint) and [`text`](crate::text) both build on this module; it depends on
+//! [`checkpoint`](crate::models::act::checkpoint) and [`text`](crate::text) both build on this module; it depends on
 //! neither.
 
 mod file;

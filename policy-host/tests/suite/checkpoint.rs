@@ -4,8 +4,8 @@ use std::fs;
 use std::path::Path;
 
 use ipc_types::{ControlMode, Morphology};
-use policy_host::checkpoint::colosseum::ActConfig;
-use policy_host::synthetic::write_checkpoint;
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
+use policy_host::models::synthetic::write_checkpoint;
 use policy_host::{ActionChunk, PolicyError, PolicySpec, QueryMode, check, load};
 use run_config::{QueryOptions, error_chain};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};

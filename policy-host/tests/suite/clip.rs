@@ -5,8 +5,8 @@ use std::fs;
 use std::path::Path;
 
 use ipc_types::{ControlMode, Morphology};
-use policy_host::checkpoint::colosseum::ActConfig;
-use policy_host::synthetic::{tensor, write_checkpoint};
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
+use policy_host::models::synthetic::{tensor, write_checkpoint};
 use policy_host::text::LanguageConfig;
 use policy_host::text::clip::{ClipText, ClipTokenizer, TowerShape, WeightsFingerprint};
 use policy_host::weights::TensorSpec;

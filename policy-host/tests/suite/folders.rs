@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use ipc_types::Morphology;
-use policy_host::checkpoint::{Checkpoint, resolve};
+use policy_host::formats::resolve;
+use policy_host::models::act::checkpoint::Checkpoint;
 use safetensors::SafeTensors;
 
 use crate::data;

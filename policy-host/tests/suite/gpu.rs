@@ -6,14 +6,14 @@
 use std::path::Path;
 
 use ipc_types::Morphology;
-use policy_host::act::GpuActPolicy;
-use policy_host::checkpoint::colosseum::ActConfig;
-use policy_host::ensemble::Ensemble;
+use policy_host::models::act::GpuActPolicy;
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
 use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, GpuDevice, GpuError};
+use policy_host::policy::ensemble::Ensemble;
 use policy_host::policy::{ActionChunk, Policy, PolicyPipeline};
 use run_config::DeviceChoice;
 
-use policy_host::synthetic::write_checkpoint;
+use policy_host::models::synthetic::write_checkpoint;
 
 use crate::batch::ObservationBatch;
 use crate::lerobot::assert_actions_agree;

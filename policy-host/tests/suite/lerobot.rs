@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use ipc_types::{ControlMode, Morphology, ObservationView};
-use policy_host::act::architecture::ImageSize;
-use policy_host::act::image::Image;
-use policy_host::act::model::{ActInput, ActModel};
-use policy_host::checkpoint::Checkpoint;
-use policy_host::ensemble::Ensemble;
+use policy_host::models::act::architecture::ImageSize;
+use policy_host::models::act::checkpoint::Checkpoint;
+use policy_host::models::act::image::Image;
+use policy_host::models::act::model::{ActInput, ActModel};
+use policy_host::policy::ensemble::Ensemble;
 use policy_host::{ActionChunk, Policy, PolicyError, PolicySpec, QueryMode, check, load};
 use run_config::{QueryOptions, error_chain};
 use safetensors::SafeTensors;

@@ -1,9 +1,10 @@
 //! ACT against PyTorch's outputs for the same observations, recorded by `python/make_act_checkpoint.py`.
 
 use ipc_types::Morphology;
-use policy_host::checkpoint::colosseum::ActConfig;
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
+use policy_host::models::synthetic;
 use policy_host::nn::Precision;
-use policy_host::{QueryMode, load, synthetic};
+use policy_host::{QueryMode, load};
 use safetensors::SafeTensors;
 
 use crate::batch::ObservationBatch;

@@ -8,12 +8,13 @@ mod vocabulary;
 use std::path::{Path, PathBuf};
 
 use ipc_types::Morphology;
-use policy_host::act::architecture::ImageSize;
-use policy_host::checkpoint::pi05::{Pi05Checkpoint, Pi05Description};
+use policy_host::formats::mapping::PromptState;
+use policy_host::models::act::architecture::ImageSize;
+use policy_host::models::pi05::checkpoint::{Pi05Checkpoint, Pi05Description};
+use policy_host::models::pi05::image::resize_with_pad;
+use policy_host::models::pi05::model::{Pi05Input, Pi05Trace, SampleTokens};
+use policy_host::models::pi05::processor::prompt;
 use policy_host::nn::Precision;
-use policy_host::pi05::image::resize_with_pad;
-use policy_host::pi05::model::{Pi05Input, Pi05Trace, SampleTokens};
-use policy_host::pi05::prompt::{PromptState, prompt};
 use policy_host::{PolicySpec, QueryMode, load};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use ipc_types::Morphology;
-use policy_host::pi05::prompt::Prompter;
 use policy_host::spec::Pi05Source;
+use policy_host::text::paligemma::Prompter;
 use policy_host::{PolicySpec, long_prompts};
 
 use super::copy_of;
