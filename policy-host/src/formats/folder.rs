@@ -183,6 +183,33 @@ pub(crate) fn checkpoint_folders(
     Ok(found)
 }
 
+/// Builds the networks for `robots` from the checkpoints in `folder`, one after another.
+///
+/// # Errors
+/// If two are for the same robot, or the error of `robot_of` or `build`.
+pub(crate) fn build_networks<C, N, E: From<CheckpointFolderError>>(
+    folder: &Path,
+    checkpoints: Vec<C>,
+    robots: &[Morphology],
+    robot_of: impl Fn(&C) -> Result<Morphology, CheckpointError>,
+    mut build: impl FnMut(C) -> Result<N, E>,
+) -> Result<Vec<N>, E> {
+    let (mut networks, mut found) = (Vec::new(), Vec::new());
+    for checkpoint in checkpoints {
+        let robot = robot_of(&checkpoint).map_err(CheckpointFolderError::from)?;
+        if !robots.contains(&robot) {
+            continue;
+        }
+        if found.contains(&robot) {
+            let (folder, morphology) = (folder.to_owned(), robot.name());
+            return Err(CheckpointFolderError::DuplicateMorphology { folder, morphology }.into());
+        }
+        found.push(robot);
+        networks.push(build(checkpoint)?);
+    }
+    Ok(networks)
+}
+
 /// Contents of the checkpoint for one robot that matter before it is loaded.
 #[derive(Debug)]
 pub(crate) struct NetworkCheck {

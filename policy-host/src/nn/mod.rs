@@ -23,8 +23,10 @@ pub mod rotary;
 
 mod isa;
 
+use serde::{Deserialize, Serialize};
+
 /// Numeric precision of a layer's weights and products.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Precision {
     /// 32-bit floating point.
     #[default]

@@ -9,7 +9,7 @@
 use ipc_types::{Morphology, ObservationView};
 use run_config::MAX_ENVS;
 
-use super::{ActionChunk, Policy, PolicyError, PolicyPipeline, Stopwatch};
+use super::{ActionChunk, Policy, PolicyError, PolicyPipeline};
 
 /// Upper bound on slot indices, which limits memory.
 const MAX_SLOTS: u32 = MAX_ENVS;
@@ -122,8 +122,12 @@ impl Policy for Ensemble {
         if self.inner.pipeline().is_some() { Some(self) } else { None }
     }
 
-    fn note(&self, _execute: u32, stopwatch: Stopwatch<'_>) -> Option<String> {
-        self.inner.note(1, stopwatch)
+    fn run_benchmark(&self) -> u64 {
+        self.inner.run_benchmark()
+    }
+
+    fn note(&self, _execute: u32, flop_per_s: f64) -> Option<String> {
+        self.inner.note(1, flop_per_s)
     }
 
     fn flop_per_query(&self, morphology: Morphology, execute: u32) -> u64 {

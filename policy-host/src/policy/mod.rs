@@ -1,5 +1,5 @@
 //! The [`Policy`] trait, the types in its signature, and what is known of a policy before it is loaded. This
-//! module knows none of the implementors; [`crate::load()`] lists them.
+//! module knows none of the implementors, which are in [`models`](crate::models).
 
 pub mod ensemble;
 pub mod execution;
@@ -21,8 +21,14 @@ pub struct ActionChunk {
     action_dim: usize,
 }
 
-/// Runs a function and returns the time that it takes, in s.
-pub type Stopwatch<'a> = &'a dyn Fn(&mut dyn FnMut()) -> f64;
+/// The rows of its chunks that a policy computes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ChunkRows {
+    /// Those that the sim will execute, as the record of each env says.
+    Executed,
+    /// All of them.
+    All,
+}
 
 /// Maps observations to action chunks. The chunk for an env depends only on that env's record, images and
 /// history.
@@ -51,9 +57,16 @@ pub trait Policy: Send {
     /// not execute.
     fn compute_whole_chunks(&mut self) {}
 
-    /// Returns what a user should know before a run in which `execute` rows of each chunk are executed, as a
-    /// sentence. May use the current rayon pool.
-    fn note(&self, _execute: u32, _stopwatch: Stopwatch<'_>) -> Option<String> {
+    /// Computes a part of a network, for a measurement of speed, and returns its floating-point operations; 0
+    /// if a query takes so little time that [`note`](Self::note) does not mention it. Uses the current rayon
+    /// pool.
+    fn run_benchmark(&self) -> u64 {
+        0
+    }
+
+    /// Returns a sentence for the user, before a run in which `execute` rows of each chunk are executed.
+    /// `flop_per_s` is the speed of [`run_benchmark`](Self::run_benchmark).
+    fn note(&self, _execute: u32, _flop_per_s: f64) -> Option<String> {
         None
     }
 
@@ -143,6 +156,17 @@ pub enum PolicyError {
 impl From<crate::nn::gpu::GpuError> for PolicyError {
     fn from(error: crate::nn::gpu::GpuError) -> Self {
         Self::Device { message: error.to_string() }
+    }
+}
+
+impl ChunkRows {
+    /// Returns the number of rows to compute of a chunk of `horizon` rows, of which `execute` will be
+    /// executed.
+    pub(crate) fn count(self, execute: u32, horizon: usize) -> usize {
+        match self {
+            Self::Executed => horizon.min(execute as usize),
+            Self::All => horizon,
+        }
     }
 }
 

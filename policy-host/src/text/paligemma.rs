@@ -44,14 +44,14 @@ enum Vocabulary {
     Json(Box<Tokenizer>),
 }
 
-/// Writes prompts and splits them into tokens.
+/// Splits prompts into tokens.
 #[derive(Debug)]
-pub struct Prompter {
+pub struct PaliGemmaTokenizer {
     vocabulary: Vocabulary,
     max_tokens: usize,
 }
 
-impl Prompter {
+impl PaliGemmaTokenizer {
     /// Loads the vocabulary in a checkpoint folder, for an embedding with `vocabulary` entries and prompts of
     /// up to `max_tokens` tokens.
     ///

@@ -17,7 +17,7 @@ use serde::Deserialize;
 use tempfile::TempDir;
 
 use crate::batch::ObservationBatch;
-use crate::data;
+use crate::{act_spec, data};
 
 /// Maximum absolute difference of an embedding entry.
 const TOLERANCE: f32 = 1e-4;
@@ -125,7 +125,7 @@ fn checkpoint(fingerprint: u64, edit: impl FnOnce(&mut Vec<F32Tensor>)) -> TempD
 }
 
 fn spec(folder: &TempDir) -> PolicySpec {
-    PolicySpec::Act(folder.path().to_owned())
+    act_spec(folder.path().to_owned())
 }
 
 /// Asserts that `check` and `load` return the same error and that it contains `parts`.

@@ -67,11 +67,11 @@ pub struct ResNet {
 pub struct InstructionInput {
     /// Dimension of the embedding.
     pub dim: usize,
-    /// TokenProjection to a token.
+    /// Projection to a token.
     pub projection: TokenProjection,
 }
 
-/// TokenProjection of an instruction embedding to a token.
+/// Projection of an instruction embedding to a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TokenProjection {
     /// `(Linear, ReLU, LayerNorm) × 2, Linear` (docs/benchmark.md, "Policies and evaluation"). The token has

@@ -19,7 +19,7 @@ pub(crate) struct LeadingTokens {
     input: Option<InstructionInput>,
 }
 
-/// TokenProjection of an instruction embedding to its token.
+/// Projection of an instruction embedding to its token.
 #[derive(Debug)]
 struct InstructionProjection {
     normalisation: Option<ShiftScale>,

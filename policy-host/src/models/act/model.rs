@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::architecture::{Architecture, ImageSize, Normalisation, TokenProjection};
 use super::backbone::{Backbone, BackboneScratch};
-use super::checkpoint::Checkpoint;
+use super::checkpoint::ActCheckpoint;
 use super::image::Image;
 use super::leading::LeadingTokens;
 use super::team;
@@ -23,7 +23,7 @@ use crate::weights::StateDict;
 pub struct ActModel {
     architecture: Architecture,
     normalisation: Normalisation,
-    /// Backbone and projection of its features, or `None` for a network without images.
+    /// Backbone and `input_proj` of its features, or `None` for a network without images.
     vision: Option<(Backbone, Linear)>,
     leading: LeadingTokens,
     /// Position embeddings `[max t, d]` of all tokens, instruction included.
@@ -63,7 +63,7 @@ impl ActModel {
     /// # Errors
     /// The first file or tensor that is missing, unexpected or damaged.
     pub fn load(folder: &Path, sizes: &[ImageSize]) -> Result<Self, CheckpointError> {
-        let mut checkpoint = Checkpoint::open(folder)?;
+        let mut checkpoint = ActCheckpoint::open(folder)?;
         let state_dict = checkpoint.state_dict()?;
         let (architecture, normalisation) = (checkpoint.architecture(), checkpoint.normalisation());
         Ok(Self::new(architecture.clone(), normalisation.clone(), &state_dict, Precision::F32, sizes))
@@ -184,13 +184,13 @@ impl ActModel {
 
         scratch.state.copy_from_slice(input.state);
         let image_tokens = self.leading.write(&mut scratch.state, instruction, tokens);
-        if let Some((_, projection)) = &self.vision {
-            let len = image_tokens.len() / width * projection.in_features();
+        if let Some((_, input_proj)) = &self.vision {
+            let len = image_tokens.len() / width * input_proj.in_features();
             let rows = team::rows_per_member(image_tokens.len() / width, scratch.members.len());
             let features =
-                scratch.features[sample_idx * len..][..len].par_chunks(rows * projection.in_features());
+                scratch.features[sample_idx * len..][..len].par_chunks(rows * input_proj.in_features());
             image_tokens.par_chunks_mut(rows * width).zip(features).for_each(|(tokens, features)| {
-                projection.forward(features, tokens);
+                input_proj.forward(features, tokens);
             });
         }
 

@@ -5,7 +5,6 @@
 //! another by all threads together. Either way every value results from the same operations in the same
 //! order.
 
-use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ipc_types::{ControlMode, Morphology, ObservationView};
@@ -14,29 +13,19 @@ use run_config::QueryOptions;
 use run_config::trace::{self, Activity};
 
 use super::architecture::ImageSize;
-use super::checkpoint::Checkpoint;
-use super::checkpoint::{StoredNetwork, folders, load_networks};
+use super::checkpoint::{StoredNetwork, load_networks, open};
 use super::image::{IMAGE_SIZES, Image};
 use super::leading::TokenCache;
 use super::model::{ActInput, ActModel, ActScratch};
 use crate::formats::folder::{NetworkCheck, check_networks};
 use crate::formats::{CheckpointFolderError, ObservationMapping};
-use crate::nn::Precision;
-use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyCheck, PolicyError};
+use crate::models::family::NetworkSource;
+use crate::policy::{ActionChunk, ChunkRows, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyCheck, PolicyError};
 use crate::text::TextEncoder;
 
 /// Maximum number of samples whose images one thread takes through the backbone together. Each kernel is then
 /// read once for all of them.
 const MAX_SAMPLES_PER_JOB: usize = 4;
-
-/// The rows of its chunks that a policy computes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ChunkRows {
-    /// Those that the sim will execute, as the record of each env says.
-    Executed,
-    /// All of them.
-    All,
-}
 
 /// ACT with one network per morphology in its checkpoint folder.
 #[derive(Debug)]
@@ -73,46 +62,34 @@ struct Worker {
 ///
 /// # Errors
 /// The first mismatch found.
-pub fn check(
-    folder: &Path,
+pub(crate) fn check(
+    source: &NetworkSource,
     robots: &[(Morphology, ControlMode)],
     requested: QueryOptions,
 ) -> Result<PolicyCheck, CheckpointFolderError> {
     let mut networks = Vec::new();
-    for inner in folders(folder)? {
-        let mut checkpoint = Checkpoint::open(&inner)?;
+    for mut checkpoint in open(&source.folder)? {
         checkpoint.check_values()?;
         let &ObservationMapping { morphology, control_mode, .. } = checkpoint.mapping()?;
         checkpoint.check_text_encoder()?;
         let (chunk, notes) = (checkpoint.chunk_settings(), checkpoint.notes().to_vec());
         networks.push(NetworkCheck { morphology, control_mode, chunk, notes });
     }
-    check_networks(folder, networks, robots, requested)
-}
-
-impl ChunkRows {
-    /// Returns the number of rows to compute of a chunk of `horizon` rows, of which `execute` will be
-    /// executed.
-    pub(crate) fn count(self, execute: u32, horizon: usize) -> usize {
-        match self {
-            Self::Executed => horizon.min(execute as usize),
-            Self::All => horizon,
-        }
-    }
+    check_networks(&source.folder, networks, robots, requested)
 }
 
 impl ActPolicy {
-    /// Loads the networks for `robots` in `folder`, for up to `n_threads` threads.
+    /// Loads the networks for `robots`, for up to `n_threads` threads.
     ///
     /// # Errors
     /// The first file or tensor that is missing, unexpected or damaged.
     pub fn load(
-        folder: &Path,
-        precision: Precision,
+        source: &NetworkSource,
         n_threads: usize,
         robots: &[Morphology],
     ) -> Result<Self, CheckpointFolderError> {
-        let networks = load_networks(folder, robots, |stored| {
+        let precision = source.precision;
+        let networks = load_networks(&source.folder, robots, |stored| {
             let StoredNetwork { architecture, normalisation, state_dict, .. } = stored;
             let model = ActModel::new(architecture, normalisation, &state_dict, precision, &IMAGE_SIZES);
             let network = Network::new(model, stored.mapping, stored.encoder, n_threads);

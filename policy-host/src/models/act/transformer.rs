@@ -60,10 +60,10 @@ impl TransformerScratch {
 /// The projections of a self- or cross-attention. The query projection includes the scale `1 / √head_width`.
 #[derive(Clone, Debug)]
 struct MultiheadAttention {
-    query: Linear,
-    key: Linear,
-    value: Linear,
-    out: Linear,
+    q_proj: Linear,
+    k_proj: Linear,
+    v_proj: Linear,
+    out_proj: Linear,
     n_heads: usize,
 }
 
@@ -80,10 +80,10 @@ impl MultiheadAttention {
         };
         let scale = 1.0 / ((width / architecture.n_heads) as f32).sqrt();
         Self {
-            query: projection(0, scale),
-            key: projection(1, 1.0),
-            value: projection(2, 1.0),
-            out: linear(state_dict, precision, &format!("{name}.out_proj")),
+            q_proj: projection(0, scale),
+            k_proj: projection(1, 1.0),
+            v_proj: projection(2, 1.0),
+            out_proj: linear(state_dict, precision, &format!("{name}.out_proj")),
             n_heads: architecture.n_heads,
         }
     }
@@ -91,7 +91,7 @@ impl MultiheadAttention {
     /// Computes attention from the projections in `scratch` into `scratch.attended`.
     fn attend(&self, n_queries: usize, n_keys: usize, scratch: &mut TransformerScratch) {
         let TransformerScratch { n_members, queries, keys, values, attended: out, scores, .. } = scratch;
-        let width = self.out.in_features();
+        let width = self.out_proj.in_features();
         let (queries, len) = (&queries[..n_queries * width], n_keys * width);
         let qkv = Qkv { queries, keys: &keys[..len], values: &values[..len], width, n_heads: self.n_heads };
         let n_heads = team::share(self.n_heads, *n_members, 1);
@@ -101,14 +101,14 @@ impl MultiheadAttention {
         });
     }
 
-    /// Computes `x += out(attended)` for the rows of `x`, which start at `first_row`. `attended` is
+    /// Computes `x += out_proj(attended)` for the rows of `x`, which start at `first_row`. `attended` is
     /// `[n_heads, n_rows, d / n_heads]`.
-    fn forward_add_out(&self, attended: &[f32], n_rows: usize, first_row: usize, x: &mut [f32]) {
-        let width = self.out.in_features();
+    fn forward_add_out_proj(&self, attended: &[f32], n_rows: usize, first_row: usize, x: &mut [f32]) {
+        let width = self.out_proj.in_features();
         let (head_width, n_x_rows) = (width / self.n_heads, x.len() / width);
         let block =
             |head: usize| &attended[(head * n_rows + first_row) * head_width..][..n_x_rows * head_width];
-        self.out.forward_add_blocks(self.n_heads, block, x);
+        self.out_proj.forward_add_blocks(self.n_heads, block, x);
     }
 }
 
@@ -136,51 +136,36 @@ impl FeedForward {
     }
 }
 
-/// Second part of an encoder or decoder layer, after the attention heads: output projection and feed-forward
-/// network, each followed by a layer normalisation.
-#[derive(Clone, Debug)]
-struct LayerTail {
-    attention_norm: LayerNorm,
-    feed_forward: FeedForward,
-    feed_forward_norm: LayerNorm,
-}
-
-impl LayerTail {
-    /// Builds the part from a checked state dict. `norms` are the indices of the two normalisations.
-    fn new(state_dict: &StateDict, precision: Precision, layer: &str, norms: [usize; 2]) -> Self {
-        let [attention_norm, feed_forward_norm] =
-            norms.map(|idx| layer_norm(state_dict, &format!("{layer}.norm{idx}")));
-        let feed_forward = FeedForward::new(state_dict, precision, layer);
-        Self { attention_norm, feed_forward, feed_forward_norm }
-    }
-
-    /// Applies the output projection to the first rows of `scratch.attended`, which has `n_attended` rows,
-    /// adds it to `x`, and applies the feed-forward network in place.
-    fn forward(
-        &self,
-        attention: &MultiheadAttention,
-        n_attended: usize,
-        x: &mut [f32],
-        scratch: &mut TransformerScratch,
-    ) {
-        let TransformerScratch { n_members, attended, hidden, .. } = scratch;
-        let (width, inner) = (attention.out.in_features(), self.feed_forward.linear1.out_features());
-        let rows = team::rows_per_member(x.len() / width, *n_members);
-        let bands = x.par_chunks_mut(rows * width).zip(hidden.par_chunks_mut(rows * inner));
-        bands.enumerate().for_each(|(member, (x, hidden))| {
-            attention.forward_add_out(attended, n_attended, member * rows, x);
-            self.attention_norm.forward(x);
-            self.feed_forward.forward_add(x, hidden);
-            self.feed_forward_norm.forward(x);
-        });
-    }
+/// Applies the second part of an encoder or decoder layer, after the attention heads: adds the output
+/// projection of the first rows of `scratch.attended`, which has `n_attended` rows, to `x`, and applies the
+/// feed-forward network in place, each followed by one of the two normalisations.
+fn forward_second_part(
+    attention: &MultiheadAttention,
+    feed_forward: &FeedForward,
+    [attention_norm, feed_forward_norm]: [&LayerNorm; 2],
+    n_attended: usize,
+    x: &mut [f32],
+    scratch: &mut TransformerScratch,
+) {
+    let TransformerScratch { n_members, attended, hidden, .. } = scratch;
+    let (width, inner) = (attention.out_proj.in_features(), feed_forward.linear1.out_features());
+    let rows = team::rows_per_member(x.len() / width, *n_members);
+    let bands = x.par_chunks_mut(rows * width).zip(hidden.par_chunks_mut(rows * inner));
+    bands.enumerate().for_each(|(member, (x, hidden))| {
+        attention.forward_add_out_proj(attended, n_attended, member * rows, x);
+        attention_norm.forward(x);
+        feed_forward.forward_add(x, hidden);
+        feed_forward_norm.forward(x);
+    });
 }
 
 /// A post-norm encoder layer.
 #[derive(Clone, Debug)]
 pub(crate) struct EncoderLayer {
-    attention: MultiheadAttention,
-    tail: LayerTail,
+    self_attn: MultiheadAttention,
+    norm1: LayerNorm,
+    feed_forward: FeedForward,
+    norm2: LayerNorm,
 }
 
 impl EncoderLayer {
@@ -193,24 +178,23 @@ impl EncoderLayer {
         precision: Precision,
         layer: &str,
     ) -> Self {
+        let name = format!("{layer}.self_attn");
         Self {
-            attention: MultiheadAttention::new(
-                architecture,
-                state_dict,
-                precision,
-                &format!("{layer}.self_attn"),
-            ),
-            tail: LayerTail::new(state_dict, precision, layer, [1, 2]),
+            self_attn: MultiheadAttention::new(architecture, state_dict, precision, &name),
+            norm1: layer_norm(state_dict, &format!("{layer}.norm1")),
+            feed_forward: FeedForward::new(state_dict, precision, layer),
+            norm2: layer_norm(state_dict, &format!("{layer}.norm2")),
         }
     }
 
     /// Applies the layer in place to the tokens `x [t, d]` with position embeddings `positions [t, d]`.
     pub(crate) fn forward(&self, x: &mut [f32], positions: &[f32], scratch: &mut TransformerScratch) {
-        let width = self.attention.out.in_features();
+        let width = self.self_attn.out_proj.in_features();
         let n_tokens = x.len() / width;
-        project_qkv(&self.attention, x, positions, scratch);
-        self.attention.attend(n_tokens, n_tokens, scratch);
-        self.tail.forward(&self.attention, n_tokens, x, scratch);
+        project_qkv(&self.self_attn, x, positions, scratch);
+        self.self_attn.attend(n_tokens, n_tokens, scratch);
+        let norms = [&self.norm1, &self.norm2];
+        forward_second_part(&self.self_attn, &self.feed_forward, norms, n_tokens, x, scratch);
     }
 }
 
@@ -222,11 +206,11 @@ fn project_qkv(
     scratch: &mut TransformerScratch,
 ) {
     project_kv(attention, x, positions, scratch);
-    let len = team::rows_per_member(x.len() / attention.out.in_features(), scratch.n_members)
-        * attention.out.in_features();
+    let len = team::rows_per_member(x.len() / attention.out_proj.in_features(), scratch.n_members)
+        * attention.out_proj.in_features();
     let positioned = scratch.positioned[..x.len()].par_chunks(len);
     positioned.zip(scratch.queries[..x.len()].par_chunks_mut(len)).for_each(|(positioned, queries)| {
-        attention.query.forward(positioned, queries);
+        attention.q_proj.forward(positioned, queries);
     });
 }
 
@@ -237,16 +221,16 @@ fn project_kv(
     positions: &[f32],
     scratch: &mut TransformerScratch,
 ) {
-    let len = team::rows_per_member(memory.len() / attention.out.in_features(), scratch.n_members)
-        * attention.out.in_features();
+    let len = team::rows_per_member(memory.len() / attention.out_proj.in_features(), scratch.n_members)
+        * attention.out_proj.in_features();
     let inputs = memory.par_chunks(len).zip(positions.par_chunks(len));
     let outputs = scratch.positioned.par_chunks_mut(len).zip(scratch.keys.par_chunks_mut(len));
     let outputs = outputs.zip(scratch.values.par_chunks_mut(len));
     inputs.zip(outputs).for_each(|((memory, positions), ((positioned, keys), values))| {
         let positioned = &mut positioned[..memory.len()];
         add(memory, positions, positioned);
-        attention.key.forward(positioned, &mut keys[..memory.len()]);
-        attention.value.forward(memory, &mut values[..memory.len()]);
+        attention.k_proj.forward(positioned, &mut keys[..memory.len()]);
+        attention.v_proj.forward(memory, &mut values[..memory.len()]);
     });
 }
 
@@ -255,42 +239,40 @@ fn project_kv(
 struct DecoderLayer {
     self_attn: MultiheadAttention,
     norm1: LayerNorm,
-    cross_attn: MultiheadAttention,
-    tail: LayerTail,
+    multihead_attn: MultiheadAttention,
+    norm2: LayerNorm,
+    feed_forward: FeedForward,
+    norm3: LayerNorm,
 }
 
 impl DecoderLayer {
     fn new(architecture: &Architecture, state_dict: &StateDict, precision: Precision, layer: &str) -> Self {
+        let attention = |name: &str| {
+            MultiheadAttention::new(architecture, state_dict, precision, &format!("{layer}.{name}"))
+        };
+        let norm = |idx: usize| layer_norm(state_dict, &format!("{layer}.norm{idx}"));
         Self {
-            self_attn: MultiheadAttention::new(
-                architecture,
-                state_dict,
-                precision,
-                &format!("{layer}.self_attn"),
-            ),
-            norm1: layer_norm(state_dict, &format!("{layer}.norm1")),
-            cross_attn: MultiheadAttention::new(
-                architecture,
-                state_dict,
-                precision,
-                &format!("{layer}.multihead_attn"),
-            ),
-            tail: LayerTail::new(state_dict, precision, layer, [2, 3]),
+            self_attn: attention("self_attn"),
+            norm1: norm(1),
+            multihead_attn: attention("multihead_attn"),
+            norm2: norm(2),
+            feed_forward: FeedForward::new(state_dict, precision, layer),
+            norm3: norm(3),
         }
     }
 
     /// Applies self-attention to the target `x [q, d]` in place, then projects the queries of the
     /// cross-attention.
     fn attend_to_target(&self, x: &mut [f32], query_positions: &[f32], scratch: &mut TransformerScratch) {
-        let width = self.self_attn.out.in_features();
+        let width = self.self_attn.out_proj.in_features();
         let n_queries = x.len() / width;
         project_qkv(&self.self_attn, x, query_positions, scratch);
         self.self_attn.attend(n_queries, n_queries, scratch);
-        self.self_attn.forward_add_out(&scratch.attended, n_queries, 0, x);
+        self.self_attn.forward_add_out_proj(&scratch.attended, n_queries, 0, x);
         self.norm1.forward(x);
         let positioned = &mut scratch.positioned[..x.len()];
         add(x, query_positions, positioned);
-        self.cross_attn.query.forward(positioned, &mut scratch.queries[..x.len()]);
+        self.multihead_attn.q_proj.forward(positioned, &mut scratch.queries[..x.len()]);
     }
 
     /// Applies cross-attention and the feed-forward network in place to the first `n_rows` rows of
@@ -302,11 +284,12 @@ impl DecoderLayer {
         positions: &[f32],
         scratch: &mut TransformerScratch,
     ) {
-        let width = self.cross_attn.out.in_features();
+        let width = self.multihead_attn.out_proj.in_features();
         let (n_queries, n_tokens) = (x.len() / width, memory.len() / width);
-        project_kv(&self.cross_attn, memory, positions, scratch);
-        self.cross_attn.attend(n_queries, n_tokens, scratch);
-        self.tail.forward(&self.cross_attn, n_queries, &mut x[..n_rows * width], scratch);
+        project_kv(&self.multihead_attn, memory, positions, scratch);
+        self.multihead_attn.attend(n_queries, n_tokens, scratch);
+        let (norms, x) = ([&self.norm2, &self.norm3], &mut x[..n_rows * width]);
+        forward_second_part(&self.multihead_attn, &self.feed_forward, norms, n_queries, x, scratch);
     }
 }
 
@@ -318,7 +301,7 @@ impl DecoderLayer {
 pub(crate) struct Decoder {
     layers: Vec<DecoderLayer>,
     /// Learned query position embeddings `[q, d]`.
-    query_positions: Vec<f32>,
+    query_embed: Vec<f32>,
     /// Target `[q, d]` after the first layer's self-attention and normalisation.
     target: Vec<f32>,
     /// Queries `[q, d]` of the first cross-attention.
@@ -340,14 +323,14 @@ impl Decoder {
             )
         };
         let layers: Vec<_> = (0..architecture.dec_layers).map(layer).collect();
-        let query_positions = state_dict.get("query_embed.weight").to_vec();
-        let mut target = vec![0.0; query_positions.len()];
+        let query_embed = state_dict.get("query_embed.weight").to_vec();
+        let mut target = vec![0.0; query_embed.len()];
         let mut scratch = TransformerScratch::new(architecture, 1);
-        layers[0].attend_to_target(&mut target, &query_positions, &mut scratch);
+        layers[0].attend_to_target(&mut target, &query_embed, &mut scratch);
         Self {
             layers,
-            queries: scratch.queries[..query_positions.len()].to_vec(),
-            query_positions,
+            queries: scratch.queries[..query_embed.len()].to_vec(),
+            query_embed,
             target,
             norm: layer_norm(state_dict, "transformer.decoder.norm"),
             action_head: linear(state_dict, Precision::F32, "action_head"),
@@ -371,7 +354,7 @@ impl Decoder {
         let n_actions = actions.len() / self.action_head.out_features();
         for (idx, layer) in self.layers.iter().enumerate() {
             if idx > 0 {
-                layer.attend_to_target(&mut x, &self.query_positions, scratch);
+                layer.attend_to_target(&mut x, &self.query_embed, scratch);
             }
             let is_last = idx + 1 == self.layers.len();
             let n_rows = if is_last { n_actions } else { x.len() / width };

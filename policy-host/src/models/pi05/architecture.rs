@@ -9,48 +9,50 @@ use crate::weights::{TensorFolder, TensorSpec, WeightsError};
 pub const PATCH_SIDE: usize = 14;
 /// Vision heads of SigLIP So400m/14.
 pub const DEFAULT_VISION_HEADS: usize = 16;
+/// Maximum number of Euler steps from noise to actions.
+pub(crate) const MAX_STEPS: u32 = 1000;
 /// Prefix of the names of the two language models and the vision tower.
 const JOINT: &str = "paligemma_with_expert.";
 
-/// Sizes of the vision tower (SigLIP).
+/// Sizes of the vision tower, under the names of SigLIP's configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct VisionSizes {
+pub struct SiglipConfig {
     /// Width of a token.
-    pub width: usize,
+    pub hidden_size: usize,
     /// Number of layers.
-    pub depth: usize,
+    pub num_hidden_layers: usize,
     /// Width of the hidden layer of an MLP.
-    pub hidden: usize,
+    pub intermediate_size: usize,
     /// Number of attention heads.
-    pub n_heads: usize,
+    pub num_attention_heads: usize,
     /// Number of patches of an image, and of its tokens.
     pub n_patches: usize,
 }
 
-/// Sizes of a Gemma language model. Query heads share one key and one value head.
+/// Sizes of a language model, under the names of Gemma's configuration. Query heads share one key and one value head.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct GemmaSizes {
+pub struct GemmaConfig {
     /// Width of a token.
-    pub width: usize,
+    pub hidden_size: usize,
     /// Number of layers.
-    pub depth: usize,
+    pub num_hidden_layers: usize,
     /// Width of the hidden layer of an MLP.
-    pub hidden: usize,
+    pub intermediate_size: usize,
     /// Number of query heads.
-    pub n_heads: usize,
+    pub num_attention_heads: usize,
     /// Width of a head.
-    pub head_width: usize,
+    pub head_dim: usize,
 }
 
 /// Sizes of a π0.5 network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pi05Architecture {
     /// Vision tower.
-    pub vision: VisionSizes,
-    /// Language model that reads images, instruction and state.
-    pub prefix: GemmaSizes,
+    pub vision: SiglipConfig,
+    /// Language model that processes images, instruction and state.
+    pub prefix: GemmaConfig,
     /// Language model that denoises actions: the action expert.
-    pub expert: GemmaSizes,
+    pub expert: GemmaConfig,
     /// Number of entries of the token embedding.
     pub vocabulary: usize,
     /// Rows of an action chunk.
@@ -72,9 +74,27 @@ impl Pi05Architecture {
     /// The architecture of the released checkpoints: SigLIP So400m/14, Gemma 2B and an expert of 300 million
     /// parameters.
     pub const FULL: Self = Self {
-        vision: VisionSizes { width: 1152, depth: 27, hidden: 4304, n_heads: 16, n_patches: 256 },
-        prefix: GemmaSizes { width: 2048, depth: 18, hidden: 16_384, n_heads: 8, head_width: 256 },
-        expert: GemmaSizes { width: 1024, depth: 18, hidden: 4096, n_heads: 8, head_width: 256 },
+        vision: SiglipConfig {
+            hidden_size: 1152,
+            num_hidden_layers: 27,
+            intermediate_size: 4304,
+            num_attention_heads: 16,
+            n_patches: 256,
+        },
+        prefix: GemmaConfig {
+            hidden_size: 2048,
+            num_hidden_layers: 18,
+            intermediate_size: 16_384,
+            num_attention_heads: 8,
+            head_dim: 256,
+        },
+        expert: GemmaConfig {
+            hidden_size: 1024,
+            num_hidden_layers: 18,
+            intermediate_size: 4096,
+            num_attention_heads: 8,
+            head_dim: 256,
+        },
         vocabulary: 257_152,
         horizon: 50,
         action_width: 32,
@@ -82,9 +102,27 @@ impl Pi05Architecture {
 
     /// A small network for tests, for images of 56 × 56 pixels.
     pub const TINY: Self = Self {
-        vision: VisionSizes { width: 24, depth: 2, hidden: 40, n_heads: 3, n_patches: 16 },
-        prefix: GemmaSizes { width: 32, depth: 2, hidden: 64, n_heads: 8, head_width: 8 },
-        expert: GemmaSizes { width: 16, depth: 2, hidden: 32, n_heads: 8, head_width: 8 },
+        vision: SiglipConfig {
+            hidden_size: 24,
+            num_hidden_layers: 2,
+            intermediate_size: 40,
+            num_attention_heads: 3,
+            n_patches: 16,
+        },
+        prefix: GemmaConfig {
+            hidden_size: 32,
+            num_hidden_layers: 2,
+            intermediate_size: 64,
+            num_attention_heads: 8,
+            head_dim: 8,
+        },
+        expert: GemmaConfig {
+            hidden_size: 16,
+            num_hidden_layers: 2,
+            intermediate_size: 32,
+            num_attention_heads: 8,
+            head_dim: 8,
+        },
         vocabulary: 512,
         horizon: 10,
         action_width: 32,
@@ -119,17 +157,17 @@ impl Pi05Architecture {
         let depth = |of: &dyn Fn(usize) -> String| {
             (0..).take_while(|layer| tensors.shape(&of(*layer)).is_some()).count()
         };
-        let gemma = |part: LayerStack| -> Result<GemmaSizes, WeightsError> {
+        let gemma = |part: LayerStack| -> Result<GemmaConfig, WeightsError> {
             let layer = |idx, name: &str| names.layer(part, idx, name);
             let query = shape(layer(0, "self_attn.q_proj.weight"), "[queries, width]", 2)?;
             let key = shape(layer(0, "self_attn.k_proj.weight"), "[head width, width]", 2)?;
             let gate = shape(layer(0, "mlp.gate_proj.weight"), "[hidden, width]", 2)?;
-            Ok(GemmaSizes {
-                width: query[1],
-                depth: depth(&|idx| layer(idx, "self_attn.q_proj.weight")),
-                hidden: gate[0],
-                n_heads: query[0] / key[0].max(1),
-                head_width: key[0],
+            Ok(GemmaConfig {
+                hidden_size: query[1],
+                num_hidden_layers: depth(&|idx| layer(idx, "self_attn.q_proj.weight")),
+                intermediate_size: gate[0],
+                num_attention_heads: query[0] / key[0].max(1),
+                head_dim: key[0],
             })
         };
         let hidden = shape(names.layer(LayerStack::Vision, 0, "mlp.fc1.weight"), "[hidden, width]", 2)?;
@@ -137,11 +175,11 @@ impl Pi05Architecture {
         let embedding = shape(names.embedding(), "[vocabulary, width]", 2)?;
         let action = shape(names.root("action_in_proj.weight"), "[width, actions]", 2)?;
         Ok(Self {
-            vision: VisionSizes {
-                width: hidden[1],
-                depth: depth(&|idx| names.layer(LayerStack::Vision, idx, "mlp.fc1.weight")),
-                hidden: hidden[0],
-                n_heads: vision_heads,
+            vision: SiglipConfig {
+                hidden_size: hidden[1],
+                num_hidden_layers: depth(&|idx| names.layer(LayerStack::Vision, idx, "mlp.fc1.weight")),
+                intermediate_size: hidden[0],
+                num_attention_heads: vision_heads,
                 n_patches: position[0],
             },
             prefix: gemma(LayerStack::Prefix)?,
@@ -158,8 +196,14 @@ impl Pi05Architecture {
         let Self { vision, prefix, expert, horizon, .. } = self;
         let side = vision.n_patches.isqrt();
         let found = |found: usize| found.to_string();
-        let gemma = |sizes: &GemmaSizes| [sizes.width, sizes.hidden, sizes.n_heads, sizes.head_width];
-        let sizes = [&gemma(prefix)[..], &gemma(expert), &[vision.width, vision.hidden, vision.n_patches]];
+        let gemma = |sizes: &GemmaConfig| {
+            [sizes.hidden_size, sizes.intermediate_size, sizes.num_attention_heads, sizes.head_dim]
+        };
+        let sizes = [
+            &gemma(prefix)[..],
+            &gemma(expert),
+            &[vision.hidden_size, vision.intermediate_size, vision.n_patches],
+        ];
         let smallest = sizes.concat().into_iter().chain([self.vocabulary, self.action_width]).min();
         [
             (
@@ -175,27 +219,29 @@ impl Pi05Architecture {
                 "a square".to_owned(),
             ),
             (
-                vision.n_heads == 0 || !vision.width.is_multiple_of(vision.n_heads),
+                vision.num_attention_heads == 0
+                    || !vision.hidden_size.is_multiple_of(vision.num_attention_heads),
                 "vision_heads",
-                found(vision.n_heads),
-                format!("a divisor of the vision width {}", vision.width),
+                found(vision.num_attention_heads),
+                format!("a divisor of the vision width {}", vision.hidden_size),
             ),
             (
-                expert.depth != prefix.depth,
+                expert.num_hidden_layers != prefix.num_hidden_layers,
                 "number of expert layers",
-                found(expert.depth),
-                format!("{}, as in the language model, whose keys it reads", prefix.depth),
+                found(expert.num_hidden_layers),
+                format!("{}, as in the language model, whose keys it reads", prefix.num_hidden_layers),
             ),
             (
-                (expert.n_heads, expert.head_width) != (prefix.n_heads, prefix.head_width),
+                (expert.num_attention_heads, expert.head_dim)
+                    != (prefix.num_attention_heads, prefix.head_dim),
                 "heads of the expert",
-                format!("{} of width {}", expert.n_heads, expert.head_width),
-                format!("{} of width {}", prefix.n_heads, prefix.head_width),
+                format!("{} of width {}", expert.num_attention_heads, expert.head_dim),
+                format!("{} of width {}", prefix.num_attention_heads, prefix.head_dim),
             ),
             (
-                prefix.head_width % 2 != 0 || expert.width % 2 != 0,
+                prefix.head_dim % 2 != 0 || expert.hidden_size % 2 != 0,
                 "width of a head or of the expert",
-                format!("{} and {}", prefix.head_width, expert.width),
+                format!("{} and {}", prefix.head_dim, expert.hidden_size),
                 "even numbers".to_owned(),
             ),
             (*horizon == 0, "chunk_size", found(*horizon), "at least 1".to_owned()),
@@ -222,11 +268,11 @@ impl Pi05Architecture {
     pub fn tensor_specs(&self, names: &Pi05Names) -> Vec<TensorSpec> {
         let mut specs = Vec::new();
         let mut add = |name: String, shape: &[usize]| specs.push(TensorSpec { name, shape: shape.to_vec() });
-        let VisionSizes { width: vision, hidden, n_patches, .. } = self.vision;
+        let SiglipConfig { hidden_size: vision, intermediate_size: hidden, n_patches, .. } = self.vision;
         add(names.patch_embedding("weight"), &[vision, 3, PATCH_SIDE, PATCH_SIDE]);
         add(names.patch_embedding("bias"), &[vision]);
         add(names.position_embedding(), &[n_patches, vision]);
-        for layer in 0..self.vision.depth {
+        for layer in 0..self.vision.num_hidden_layers {
             let mut add_linear = |name: &str, out: usize, input: usize| {
                 add(names.layer(LayerStack::Vision, layer, &format!("{name}.weight")), &[out, input]);
                 add(names.layer(LayerStack::Vision, layer, &format!("{name}.bias")), &[out]);
@@ -244,12 +290,18 @@ impl Pi05Architecture {
             add(names.post_norm(name), &[vision]);
         }
         let (prefix, expert) = (self.prefix, self.expert);
-        add(names.projector("weight"), &[prefix.width, vision]);
-        add(names.projector("bias"), &[prefix.width]);
-        add(names.embedding(), &[self.vocabulary, prefix.width]);
+        add(names.projector("weight"), &[prefix.hidden_size, vision]);
+        add(names.projector("bias"), &[prefix.hidden_size]);
+        add(names.embedding(), &[self.vocabulary, prefix.hidden_size]);
         for (part, sizes) in [(LayerStack::Prefix, prefix), (LayerStack::Expert, expert)] {
-            let GemmaSizes { width, hidden, n_heads, head_width, .. } = sizes;
-            for layer in 0..sizes.depth {
+            let GemmaConfig {
+                hidden_size: width,
+                intermediate_size: hidden,
+                num_attention_heads: n_heads,
+                head_dim: head_width,
+                ..
+            } = sizes;
+            for layer in 0..sizes.num_hidden_layers {
                 let mut add = |name: &str, shape: &[usize]| add(names.layer(part, layer, name), shape);
                 add("self_attn.q_proj.weight", &[n_heads * head_width, width]);
                 add("self_attn.k_proj.weight", &[head_width, width]);
@@ -268,13 +320,13 @@ impl Pi05Architecture {
                 }
             }
         }
-        add(names.expert_norm("weight"), &[3 * expert.width, expert.width]);
-        add(names.expert_norm("bias"), &[3 * expert.width]);
+        add(names.expert_norm("weight"), &[3 * expert.hidden_size, expert.hidden_size]);
+        add(names.expert_norm("bias"), &[3 * expert.hidden_size]);
         for (name, out, input) in [
-            ("action_in_proj", expert.width, self.action_width),
-            ("action_out_proj", self.action_width, expert.width),
-            ("time_mlp_in", expert.width, expert.width),
-            ("time_mlp_out", expert.width, expert.width),
+            ("action_in_proj", expert.hidden_size, self.action_width),
+            ("action_out_proj", self.action_width, expert.hidden_size),
+            ("time_mlp_in", expert.hidden_size, expert.hidden_size),
+            ("time_mlp_out", expert.hidden_size, expert.hidden_size),
         ] {
             add(names.root(&format!("{name}.weight")), &[out, input]);
             add(names.root(&format!("{name}.bias")), &[out]);
@@ -372,22 +424,31 @@ impl Pi05Architecture {
     /// counting matrix products only, a multiplication and an addition as two.
     #[must_use]
     pub fn flop_per_query(&self, n_images: usize, n_prompt: usize, n_steps: usize) -> u64 {
-        let VisionSizes { width, depth, hidden, n_patches, .. } = self.vision;
-        let patch = 3 * PATCH_SIDE * PATCH_SIDE * width + width * self.prefix.width;
+        let SiglipConfig {
+            hidden_size: width,
+            num_hidden_layers: depth,
+            intermediate_size: hidden,
+            n_patches,
+            ..
+        } = self.vision;
+        let patch = 3 * PATCH_SIDE * PATCH_SIDE * width + width * self.prefix.hidden_size;
         let layer = 4 * width * width + 2 * width * hidden + 2 * n_patches * width;
         let vision = n_images * n_patches * (patch + depth * layer);
 
         let length = n_images * n_patches + n_prompt;
-        let keys = |sizes: GemmaSizes| 2 * sizes.width * sizes.head_width;
-        let rest = |sizes: GemmaSizes, n_keys: usize| {
-            let heads = sizes.n_heads * sizes.head_width;
-            2 * sizes.width * heads + 3 * sizes.width * sizes.hidden + 2 * n_keys * heads
+        let keys = |sizes: GemmaConfig| 2 * sizes.hidden_size * sizes.head_dim;
+        let rest = |sizes: GemmaConfig, n_keys: usize| {
+            let heads = sizes.num_attention_heads * sizes.head_dim;
+            2 * sizes.hidden_size * heads
+                + 3 * sizes.hidden_size * sizes.intermediate_size
+                + 2 * n_keys * heads
         };
-        let GemmaSizes { depth, .. } = self.prefix;
+        let GemmaConfig { num_hidden_layers: depth, .. } = self.prefix;
         let prefix = length * (depth * keys(self.prefix) + (depth - 1) * rest(self.prefix, length));
 
-        let row = self.expert.depth * (keys(self.expert) + rest(self.expert, length + self.horizon))
-            + 2 * self.expert.width * self.action_width;
+        let row = self.expert.num_hidden_layers
+            * (keys(self.expert) + rest(self.expert, length + self.horizon))
+            + 2 * self.expert.hidden_size * self.action_width;
         2 * (vision + prefix + n_steps * self.horizon * row) as u64
     }
 }

@@ -3,9 +3,9 @@
 
 use rayon::prelude::*;
 
-use super::architecture::{GemmaSizes, LayerStack, Pi05Architecture};
-use super::gemma::{CacheRows, GemmaLayer, KeyValueCache, turn};
-use super::layers::{EPSILON, LayerSource, attend, in_row_blocks};
+use super::architecture::{GemmaConfig, LayerStack, Pi05Architecture};
+use super::gemma::{CacheRows, GemmaAttention, GemmaMlp, KeyValueCache};
+use super::layers::{EPSILON, LayerSource, in_row_blocks};
 use crate::nn::gelu::silu;
 use crate::nn::norm::rms_rows;
 use crate::nn::projection::Projection;
@@ -22,12 +22,12 @@ pub(crate) struct TimePeriods {
 /// The action expert for a fixed list of times.
 #[derive(Debug)]
 pub(crate) struct ActionExpert {
-    sizes: GemmaSizes,
+    config: GemmaConfig,
     horizon: usize,
     action_width: usize,
-    action_in: Projection,
-    action_out: Projection,
-    layers: Vec<GemmaLayer>,
+    action_in_proj: Projection,
+    action_out_proj: Projection,
+    layers: Vec<(GemmaAttention, GemmaMlp)>,
     /// Normalisations at each time: two per layer, and the last one.
     modulations: Vec<Vec<Modulation>>,
 }
@@ -51,18 +51,20 @@ impl ActionExpert {
         periods: TimePeriods,
     ) -> Result<Self, WeightsError> {
         let names = source.names;
-        let sizes = architecture.expert;
+        let config = architecture.expert;
         let root = |module: &'static str| move |tensor: &str| names.root(&format!("{module}.{tensor}"));
+        let layer = |layer| -> Result<_, WeightsError> {
+            let self_attn = GemmaAttention::load(source, LayerStack::Expert, layer)?;
+            Ok((self_attn, GemmaMlp::load(source, LayerStack::Expert, layer)?))
+        };
         Ok(Self {
-            sizes,
+            config,
             horizon: architecture.horizon,
             action_width: architecture.action_width,
-            action_in: source.exact_linear(root("action_in_proj"))?,
-            action_out: source.exact_linear(root("action_out_proj"))?,
-            layers: (0..sizes.depth)
-                .map(|layer| GemmaLayer::load(source, LayerStack::Expert, layer))
-                .collect::<Result<_, _>>()?,
-            modulations: modulations(source, sizes, times, periods)?,
+            action_in_proj: source.exact_linear(root("action_in_proj"))?,
+            action_out_proj: source.exact_linear(root("action_out_proj"))?,
+            layers: (0..config.num_hidden_layers).map(layer).collect::<Result<_, _>>()?,
+            modulations: modulations(source, config, times, periods)?,
         })
     }
 
@@ -72,7 +74,7 @@ impl ActionExpert {
     }
 
     /// Computes the velocities `[n, horizon, action_width]` of noisy actions of the same shape at a time. The
-    /// cache holds the prefix of each of the `n` sequences; its room is overwritten.
+    /// cache holds the prefix of each of the `n` sequences; the rows behind it are overwritten.
     pub(crate) fn velocity(
         &self,
         actions: &[f32],
@@ -80,33 +82,26 @@ impl ActionExpert {
         cache: &mut KeyValueCache,
         rotary: &Rotary,
     ) -> Vec<f32> {
-        let GemmaSizes { width, n_heads, head_width, .. } = self.sizes;
+        let width = self.config.hidden_size;
         let rows = CacheRows::Suffix(self.horizon);
-        let (positions, sequences) = (cache.positions(rows), cache.sequences(rows));
-        let n_rows = actions.len() / self.action_width;
-        let mut x = vec![0.0; n_rows * width];
-        self.action_in.forward(actions, &mut x);
+        let mut x = vec![0.0; actions.len() / self.action_width * width];
+        self.action_in_proj.forward(actions, &mut x);
         let (norms, last) = self.modulations[time].split_at(2 * self.layers.len());
         for (idx, (layer, norms)) in self.layers.iter().zip(norms.as_chunks::<2>().0).enumerate() {
-            let [attention_norm, mlp_norm] = norms;
-            let mut normed = attention_norm.apply(&x);
-            cache.store(idx, layer, &normed, rows, rotary);
-            let mut queries = vec![0.0; n_rows * n_heads * head_width];
-            layer.queries.forward(&normed, &mut queries);
-            turn(&mut queries, n_heads * head_width, &positions, rotary);
-            let mut heads = vec![0.0; queries.len()];
-            attend(cache.input(idx, &queries, n_heads, head_width), &sequences, &mut heads);
-            layer.out.forward(&heads, &mut normed);
-            attention_norm.add_gated(&mut x, &normed);
+            let (self_attn, mlp) = layer;
+            let [input_layernorm, post_attention_layernorm] = norms;
+            let mut out = input_layernorm.apply(&x);
+            self_attn.forward(&mut out, (cache, idx), rows, rotary);
+            input_layernorm.add_gated(&mut x, &out);
             in_row_blocks(&mut x, width, |x| {
-                let mut normed = mlp_norm.apply(x);
-                layer.mlp(&mut normed);
-                mlp_norm.add_gated(x, &normed);
+                let mut out = post_attention_layernorm.apply(x);
+                mlp.forward(&mut out);
+                post_attention_layernorm.add_gated(x, &out);
             });
         }
         let x = last[0].apply(&x);
         let mut velocity = vec![0.0; actions.len()];
-        self.action_out.forward(&x, &mut velocity);
+        self.action_out_proj.forward(&x, &mut velocity);
         velocity
     }
 }
@@ -133,30 +128,30 @@ impl Modulation {
 /// Computes the normalisations at `times`: two per layer, and the last one.
 pub(crate) fn modulations(
     source: LayerSource<'_>,
-    sizes: GemmaSizes,
+    config: GemmaConfig,
     times: &[f32],
     periods: TimePeriods,
 ) -> Result<Vec<Vec<Modulation>>, WeightsError> {
     let names = source.names;
     let root = |module: &'static str| move |tensor: &str| names.root(&format!("{module}.{tensor}"));
-    let (time_in, time_out) =
+    let (time_mlp_in, time_mlp_out) =
         (source.exact_linear(root("time_mlp_in"))?, source.exact_linear(root("time_mlp_out"))?);
-    let mut conditions = time_embedding(times, sizes.width, periods);
+    let mut conditions = time_embedding(times, config.hidden_size, periods);
     let mut hidden = vec![0.0; conditions.len()];
-    time_in.forward(&conditions, &mut hidden);
+    time_mlp_in.forward(&conditions, &mut hidden);
     silu(&mut hidden);
-    time_out.forward(&hidden, &mut conditions);
+    time_mlp_out.forward(&hidden, &mut conditions);
     silu(&mut conditions);
-    let mut by_norm = Vec::with_capacity(2 * sizes.depth + 1);
-    for layer in 0..sizes.depth {
+    let mut by_norm = Vec::with_capacity(2 * config.num_hidden_layers + 1);
+    for layer in 0..config.num_hidden_layers {
         for norm in ["input_layernorm", "post_attention_layernorm"] {
             let name =
                 |tensor: &str| names.layer(LayerStack::Expert, layer, &format!("{norm}.dense.{tensor}"));
-            by_norm.push(modulate(&source.exact_linear(name)?, &conditions, sizes.width));
+            by_norm.push(modulate(&source.exact_linear(name)?, &conditions, config.hidden_size));
         }
     }
     let last = source.exact_linear(|tensor| names.expert_norm(tensor))?;
-    by_norm.push(modulate(&last, &conditions, sizes.width));
+    by_norm.push(modulate(&last, &conditions, config.hidden_size));
     let at_time = |time: usize| by_norm.iter().map(|norm| norm[time].clone()).collect();
     Ok((0..times.len()).map(at_time).collect())
 }

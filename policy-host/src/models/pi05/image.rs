@@ -1,12 +1,10 @@
 //! Camera images as the network's input: resized with their aspect ratio kept, centred on black, with values
 //! in [−1, 1].
 
-use crate::models::act::architecture::ImageSize;
-
 /// Value of black.
 const BLACK: f32 = -1.0;
 
-/// LayerSource of one output row or column: two neighbours and the weight of the second.
+/// Inputs of one output row or column: two neighbours and the weight of the second.
 #[derive(Clone, Copy, Debug)]
 struct Tap {
     first: usize,
@@ -14,21 +12,20 @@ struct Tap {
     weight: f32,
 }
 
-/// Resizes a camera image `[height, width, 3] u8` to planes `[3, side, side] f32`, with the weights of
+/// Resizes a camera image `[height, width, 3] u8` of size `[height, width]` to planes `[3, side, side] f32`, with the weights of
 /// PyTorch's bilinear interpolation (`align_corners=False`, no antialiasing).
 ///
 /// # Panics
 /// If a slice is too short.
-pub fn resize_with_pad(pixels: &[u8], size: ImageSize, side: usize, planes: &mut [f32]) {
-    let ratio = (size.width as f64 / side as f64).max(size.height as f64 / side as f64);
-    let (height, width) = ((size.height as f64 / ratio) as usize, (size.width as f64 / ratio) as usize);
-    let (rows, cols) = (taps(size.height, height), taps(size.width, width));
+pub fn resize_with_pad(pixels: &[u8], size: [usize; 2], side: usize, planes: &mut [f32]) {
+    let ratio = (size[1] as f64 / side as f64).max(size[0] as f64 / side as f64);
+    let [height, width] = size.map(|length| (length as f64 / ratio) as usize);
+    let (rows, cols) = (taps(size[0], height), taps(size[1], width));
     let (top, left) = ((side - height) / 2, (side - width) / 2);
-    let is_resized = (height, width) != (size.height, size.width);
+    let is_resized = [height, width] != size;
     planes.fill(BLACK);
     for (channel, plane) in planes.chunks_exact_mut(side * side).enumerate() {
-        let value =
-            |row: usize, col: usize| f32::from(pixels[(row * size.width + col) * 3 + channel]) / 255.0;
+        let value = |row: usize, col: usize| f32::from(pixels[(row * size[1] + col) * 3 + channel]) / 255.0;
         for (row, line) in rows.iter().zip(plane[top * side..].chunks_exact_mut(side)) {
             for (col, out) in cols.iter().zip(&mut line[left..]) {
                 let mix =

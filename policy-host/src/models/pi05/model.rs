@@ -2,9 +2,9 @@
 
 use super::architecture::{Pi05Architecture, Pi05Names};
 use super::expert::{ActionExpert, TimePeriods};
-use super::gemma::{KeyValueCache, LanguageModel};
+use super::gemma::{GemmaModel, KeyValueCache};
 use super::layers::LayerSource;
-use super::siglip::VisionTower;
+use super::siglip::SiglipVisionModel;
 use crate::generated::{SPLITMIX_GAMMA, fnv1a64, splitmix64, unit};
 use crate::nn::Precision;
 use crate::nn::rotary::Rotary;
@@ -59,9 +59,9 @@ pub struct Pi05Trace {
 #[derive(Debug)]
 pub struct Pi05Model {
     architecture: Pi05Architecture,
-    vision: VisionTower,
-    language: LanguageModel,
-    expert: ActionExpert,
+    vision_tower: SiglipVisionModel,
+    language_model: GemmaModel,
+    gemma_expert: ActionExpert,
     rotary: Rotary,
 }
 
@@ -82,10 +82,10 @@ impl Pi05Model {
         let n_positions = options.max_prefix + architecture.horizon;
         Ok(Self {
             architecture,
-            vision: VisionTower::load(source, architecture.vision)?,
-            language: LanguageModel::load(source, architecture.prefix)?,
-            expert: ActionExpert::load(source, &architecture, &times(options.n_steps), periods)?,
-            rotary: Rotary::new(architecture.prefix.head_width, n_positions),
+            vision_tower: SiglipVisionModel::load(source, architecture.vision)?,
+            language_model: GemmaModel::load(source, architecture.prefix)?,
+            gemma_expert: ActionExpert::load(source, &architecture, &times(options.n_steps), periods)?,
+            rotary: Rotary::new(architecture.prefix.head_dim, n_positions),
         })
     }
 
@@ -95,9 +95,9 @@ impl Pi05Model {
         &self.architecture
     }
 
-    /// Computes a part of one layer, to be timed, and returns the number of floating-point operations.
-    pub fn compute_sample(&self) -> u64 {
-        self.language.compute_sample()
+    /// Computes a part of one layer, for a measurement of speed, and returns its floating-point operations.
+    pub fn run_benchmark(&self) -> u64 {
+        self.language_model.run_benchmark()
     }
 
     /// Denoises `actions [n, horizon, action_width]` in place, one chunk per sample. They hold the noise at
@@ -109,7 +109,7 @@ impl Pi05Model {
         let Pi05Architecture { horizon, action_width, .. } = self.architecture;
         assert_eq!(actions.len(), input.samples.len() * horizon * action_width, "noise of every sample");
         let mut cache = self.prefix(input, trace.as_deref_mut());
-        denoise(&self.expert, actions, &mut cache, &self.rotary, |_, velocity| {
+        denoise(&self.gemma_expert, actions, &mut cache, &self.rotary, |_, velocity| {
             if let Some(trace) = trace.as_deref_mut() {
                 trace.velocities.push(velocity.to_vec());
             }
@@ -121,29 +121,29 @@ impl Pi05Model {
         let image_len = 3 * self.architecture.image_side().pow(2);
         let mut embeddings = Vec::new();
         for images in input.images.chunks(IMAGES_PER_BATCH * image_len) {
-            embeddings.extend(self.vision.encode(images));
+            embeddings.extend(self.vision_tower.forward(images));
         }
-        let token_len = vision.n_patches * prefix.width;
+        let token_len = vision.n_patches * prefix.hidden_size;
         let lengths: Vec<usize> = input
             .samples
             .iter()
             .map(|sample| sample.images.len() * vision.n_patches + sample.prompt.len())
             .collect();
-        let mut x = Vec::with_capacity(lengths.iter().sum::<usize>() * prefix.width);
+        let mut x = Vec::with_capacity(lengths.iter().sum::<usize>() * prefix.hidden_size);
         for sample in input.samples {
             for &image in &sample.images {
                 x.extend_from_slice(&embeddings[image * token_len..][..token_len]);
             }
             for &token in &sample.prompt {
                 let start = x.len();
-                x.resize(start + prefix.width, 0.0);
-                self.language.embed(token, &mut x[start..]);
+                x.resize(start + prefix.hidden_size, 0.0);
+                self.language_model.embed(token, &mut x[start..]);
             }
         }
         if let Some(trace) = trace {
             *trace = Pi05Trace { image_embeddings: embeddings, prefix: x.clone(), velocities: Vec::new() };
         }
-        self.language.read(x, &lengths, horizon, &self.rotary)
+        self.language_model.prefill(x, &lengths, horizon, &self.rotary)
     }
 }
 

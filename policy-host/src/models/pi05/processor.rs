@@ -11,10 +11,9 @@ use super::checkpoint::Pi05Description;
 use super::image::resize_with_pad;
 use super::model::{Pi05Input, SampleTokens, draw_noise};
 use crate::formats::mapping::PromptState;
-use crate::models::act::architecture::ImageSize;
 use crate::nn::Precision;
 use crate::policy::{ActionChunk, PolicyError};
-use crate::text::paligemma::{Prompter, TokenizerError};
+use crate::text::paligemma::{PaliGemmaTokenizer, TokenizerError};
 
 /// Bins into which an entry of the state is discretised, over [−1, 1].
 const N_BINS: usize = 256;
@@ -24,7 +23,7 @@ const TYPICAL_PROMPT: usize = 60;
 /// Maps observations to the input of a network, and its output to actions.
 #[derive(Debug)]
 pub(crate) struct Pi05Processor {
-    pub(crate) prompter: Prompter,
+    pub(crate) tokenizer: PaliGemmaTokenizer,
     pub(crate) description: Pi05Description,
     /// Number of Euler steps from noise to actions.
     pub(crate) n_steps: usize,
@@ -72,22 +71,6 @@ impl Pi05Processor {
             mapping.morphology.name(),
             n_weights as f64 / 1e6,
         )
-    }
-
-    /// Checks that the network can act on an observation.
-    pub(crate) fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
-        let mapping = &self.description.mapping;
-        if !mapping.cameras.is_empty() && !observation.has_images() {
-            return Err(PolicyError::NoImages);
-        }
-        if observation.control_mode() != mapping.control_mode {
-            let (expected, found) = (mapping.control_mode.name(), observation.control_mode().name());
-            return Err(PolicyError::ControlMode { expected, found });
-        }
-        (0..observation.n_envs()).try_for_each(|env_idx| {
-            let (expected, found) = (mapping.morphology.state_dim(), observation.env(env_idx).state.len());
-            if expected == found { Ok(()) } else { Err(PolicyError::StateDim { env_idx, expected, found }) }
-        })
     }
 
     /// Returns the tokens of each env's prompt.
@@ -139,7 +122,7 @@ impl Pi05Processor {
         if *prompt_state == PromptState::Padded {
             own.resize(*max_state_dim, 0.0);
         }
-        self.prompter
+        self.tokenizer
             .tokens(&prompt(instruction, &own))
             .map_err(|error: TokenizerError| PolicyError::Instruction { reason: error.to_string() })
     }
@@ -169,25 +152,10 @@ impl<'a> DistinctImages<'a> {
         let mut planes = vec![0.0; self.images.len() * image_len];
         let jobs = planes.par_chunks_exact_mut(image_len).zip(&self.images);
         jobs.for_each(|(planes, &(pixels, own_side))| {
-            let size = ImageSize { height: own_side, width: own_side };
+            let size = [own_side; 2];
             resize_with_pad(pixels, size, side, planes);
         });
         planes
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn equal_images_are_encoded_once() {
-        let (first, second) = (vec![1_u8; 12], vec![2_u8; 12]);
-        let copy = first.clone();
-        let mut distinct = DistinctImages::default();
-        let found = [&first, &second, &copy, &first].map(|pixels| distinct.add((pixels, 2)));
-        assert_eq!(found, [0, 1, 0, 0]);
-        assert_eq!(distinct.resize(2).len(), 2 * 3 * 4);
     }
 }
 
@@ -238,5 +206,15 @@ mod tests {
     #[test]
     fn prompt_cleans_the_instruction() {
         assert_eq!(prompt(" lift_the\ncube ", &[0.0, -2.0]), "Task: lift the cube, State: 128 -1;\nAction: ");
+    }
+
+    #[test]
+    fn equal_images_are_encoded_once() {
+        let (first, second) = (vec![1_u8; 12], vec![2_u8; 12]);
+        let copy = first.clone();
+        let mut distinct = DistinctImages::default();
+        let found = [&first, &second, &copy, &first].map(|pixels| distinct.add((pixels, 2)));
+        assert_eq!(found, [0, 1, 0, 0]);
+        assert_eq!(distinct.resize(2).len(), 2 * 3 * 4);
     }
 }

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use super::architecture::{LayerStack, PATCH_SIDE, VisionSizes};
+use super::architecture::{LayerStack, PATCH_SIDE, SiglipConfig};
 use super::layers::{AttentionInput, LayerSource, Sequence, add_rows, attend, in_row_blocks};
 use crate::nn::gelu::gelu_tanh;
 use crate::nn::norm::LayerNorm;
@@ -13,68 +13,134 @@ use crate::weights::WeightsError;
 /// Values of a patch: three channels of its pixels.
 pub(crate) const PATCH_VALUES: usize = 3 * PATCH_SIDE * PATCH_SIDE;
 
-/// The vision tower and the projector.
+/// Multi-head self-attention.
 #[derive(Debug)]
-pub(crate) struct VisionTower {
-    sizes: VisionSizes,
-    patches: Projection,
-    /// Learned position embedding `[p, width]`.
-    positions: Vec<f32>,
-    layers: Vec<VisionLayer>,
-    post_norm: LayerNorm,
-    projector: Projection,
+struct SiglipAttention {
+    q_proj: Projection,
+    k_proj: Projection,
+    v_proj: Projection,
+    out_proj: Projection,
+    n_heads: usize,
+}
+
+/// Two linear layers with a GELU in between.
+#[derive(Debug)]
+struct SiglipMlp {
+    fc1: Projection,
+    fc2: Projection,
 }
 
 /// A transformer layer with normalisation before attention and before the MLP.
 #[derive(Debug)]
-struct VisionLayer {
-    norm_1: LayerNorm,
-    queries: Projection,
-    keys: Projection,
-    values: Projection,
-    out: Projection,
-    norm_2: LayerNorm,
-    hidden: Projection,
-    output: Projection,
+struct SiglipEncoderLayer {
+    layer_norm1: LayerNorm,
+    self_attn: SiglipAttention,
+    layer_norm2: LayerNorm,
+    mlp: SiglipMlp,
 }
 
-impl VisionTower {
-    pub(crate) fn load(source: LayerSource<'_>, sizes: VisionSizes) -> Result<Self, WeightsError> {
-        let names = source.names;
-        let layer = |layer: usize| -> Result<VisionLayer, WeightsError> {
-            let name = |module: &str| {
-                let module = module.to_owned();
-                move |tensor: &str| names.layer(LayerStack::Vision, layer, &format!("{module}.{tensor}"))
-            };
-            Ok(VisionLayer {
-                norm_1: source.layer_norm(name("layer_norm1"))?,
-                queries: source.linear(name("self_attn.q_proj"))?,
-                keys: source.linear(name("self_attn.k_proj"))?,
-                values: source.linear(name("self_attn.v_proj"))?,
-                out: source.linear(name("self_attn.out_proj"))?,
-                norm_2: source.layer_norm(name("layer_norm2"))?,
-                hidden: source.linear(name("mlp.fc1"))?,
-                output: source.linear(name("mlp.fc2"))?,
-            })
+/// The vision tower and the projector.
+#[derive(Debug)]
+pub(crate) struct SiglipVisionModel {
+    config: SiglipConfig,
+    patch_embedding: Projection,
+    /// Learned position embedding `[p, width]`.
+    position_embedding: Vec<f32>,
+    layers: Vec<SiglipEncoderLayer>,
+    post_layernorm: LayerNorm,
+    multi_modal_projector: Projection,
+}
+
+impl SiglipAttention {
+    /// Returns the attention of normalised rows `x [t, width]`, each sequence over itself.
+    fn forward(&self, mut x: Vec<f32>, sequences: &[Sequence]) -> Vec<f32> {
+        let project = |projection: &Projection| {
+            let mut out = vec![0.0; x.len()];
+            projection.forward(&x, &mut out);
+            out
+        };
+        let (queries, keys, values) = (project(&self.q_proj), project(&self.k_proj), project(&self.v_proj));
+        let input = AttentionInput {
+            queries: &queries,
+            keys: &keys,
+            values: &values,
+            n_heads: self.n_heads,
+            head_width: self.q_proj.out_features() / self.n_heads,
+            shares_keys: false,
+        };
+        attend(input, sequences, &mut x);
+        let mut out = queries;
+        self.out_proj.forward(&x, &mut out);
+        out
+    }
+}
+
+impl SiglipMlp {
+    /// Computes the MLP of normalised rows `x [t, width]` in place.
+    fn forward(&self, x: &mut [f32]) {
+        let hidden = self.fc1.out_features();
+        let mut inner = vec![0.0; x.len() / self.fc1.in_features() * hidden];
+        self.fc1.forward(x, &mut inner);
+        inner.par_chunks_exact_mut(hidden).for_each(gelu_tanh);
+        self.fc2.forward(&inner, x);
+    }
+}
+
+impl SiglipEncoderLayer {
+    fn load(source: LayerSource<'_>, layer: usize, n_heads: usize) -> Result<Self, WeightsError> {
+        let name = |module: &str| {
+            let module = module.to_owned();
+            move |tensor: &str| source.names.layer(LayerStack::Vision, layer, &format!("{module}.{tensor}"))
         };
         Ok(Self {
-            sizes,
-            patches: source.exact_linear(|tensor| names.patch_embedding(tensor))?,
-            positions: source.vector(&names.position_embedding())?,
-            layers: (0..sizes.depth).map(layer).collect::<Result<_, _>>()?,
-            post_norm: source.layer_norm(|tensor| names.post_norm(tensor))?,
-            projector: source.linear(|tensor| names.projector(tensor))?,
+            layer_norm1: source.layer_norm(name("layer_norm1"))?,
+            self_attn: SiglipAttention {
+                q_proj: source.linear(name("self_attn.q_proj"))?,
+                k_proj: source.linear(name("self_attn.k_proj"))?,
+                v_proj: source.linear(name("self_attn.v_proj"))?,
+                out_proj: source.linear(name("self_attn.out_proj"))?,
+                n_heads,
+            },
+            layer_norm2: source.layer_norm(name("layer_norm2"))?,
+            mlp: SiglipMlp { fc1: source.linear(name("mlp.fc1"))?, fc2: source.linear(name("mlp.fc2"))? },
         })
     }
 
-    /// Encodes images `[n, 3, side, side]` with values in [−1, 1] as tokens `[n, p, prefix width]`.
-    pub(crate) fn encode(&self, images: &[f32]) -> Vec<f32> {
-        let VisionSizes { width, n_patches, .. } = self.sizes;
+    /// Applies the layer to `x [t, width]` in place.
+    fn forward(&self, x: &mut [f32], sequences: &[Sequence]) {
+        let width = self.mlp.fc1.in_features();
+        add_rows(x, &self.self_attn.forward(normalised(&self.layer_norm1, x, width), sequences));
+        in_row_blocks(x, width, |x| {
+            let mut out = normalised(&self.layer_norm2, x, width);
+            self.mlp.forward(&mut out);
+            add_rows(x, &out);
+        });
+    }
+}
+
+impl SiglipVisionModel {
+    pub(crate) fn load(source: LayerSource<'_>, config: SiglipConfig) -> Result<Self, WeightsError> {
+        let names = source.names;
+        let layer = |layer| SiglipEncoderLayer::load(source, layer, config.num_attention_heads);
+        Ok(Self {
+            config,
+            patch_embedding: source.exact_linear(|tensor| names.patch_embedding(tensor))?,
+            position_embedding: source.vector(&names.position_embedding())?,
+            layers: (0..config.num_hidden_layers).map(layer).collect::<Result<_, _>>()?,
+            post_layernorm: source.layer_norm(|tensor| names.post_norm(tensor))?,
+            multi_modal_projector: source.linear(|tensor| names.projector(tensor))?,
+        })
+    }
+
+    /// Maps images `[n, 3, side, side]` with values in [−1, 1] to tokens `[n, p, prefix width]`.
+    pub(crate) fn forward(&self, images: &[f32]) -> Vec<f32> {
+        let SiglipConfig { hidden_size: width, n_patches, .. } = self.config;
         let patches = unfold(images, n_patches.isqrt());
         let n_rows = patches.len() / PATCH_VALUES;
         let mut x = vec![0.0; n_rows * width];
-        self.patches.forward(&patches, &mut x);
-        x.par_chunks_exact_mut(self.positions.len()).for_each(|image| add_rows(image, &self.positions));
+        self.patch_embedding.forward(&patches, &mut x);
+        let positions = &self.position_embedding;
+        x.par_chunks_exact_mut(positions.len()).for_each(|image| add_rows(image, positions));
         let sequences: Vec<_> = (0..n_rows / n_patches)
             .map(|image| {
                 let first = image * n_patches;
@@ -82,52 +148,20 @@ impl VisionTower {
             })
             .collect();
         for layer in &self.layers {
-            self.attention(layer, &sequences, &mut x);
-            self.mlp(layer, &mut x);
+            layer.forward(&mut x, &sequences);
         }
-        x.par_chunks_exact_mut(width).for_each(|row| self.post_norm.forward(row));
-        let mut tokens = vec![0.0; n_rows * self.projector.out_features()];
-        self.projector.forward(&x, &mut tokens);
+        x.par_chunks_exact_mut(width).for_each(|row| self.post_layernorm.forward(row));
+        let mut tokens = vec![0.0; n_rows * self.multi_modal_projector.out_features()];
+        self.multi_modal_projector.forward(&x, &mut tokens);
         tokens
     }
+}
 
-    fn attention(&self, layer: &VisionLayer, sequences: &[Sequence], x: &mut [f32]) {
-        let VisionSizes { width, n_heads, .. } = self.sizes;
-        let mut normed = x.to_vec();
-        normed.par_chunks_exact_mut(width).for_each(|row| layer.norm_1.forward(row));
-        let project = |projection: &Projection| {
-            let mut out = vec![0.0; normed.len()];
-            projection.forward(&normed, &mut out);
-            out
-        };
-        let (queries, keys, values) = (project(&layer.queries), project(&layer.keys), project(&layer.values));
-        let input = AttentionInput {
-            queries: &queries,
-            keys: &keys,
-            values: &values,
-            n_heads,
-            head_width: width / n_heads,
-            shares_keys: false,
-        };
-        attend(input, sequences, &mut normed);
-        let mut out = queries;
-        layer.out.forward(&normed, &mut out);
-        add_rows(x, &out);
-    }
-
-    fn mlp(&self, layer: &VisionLayer, x: &mut [f32]) {
-        let VisionSizes { width, hidden, .. } = self.sizes;
-        in_row_blocks(x, width, |x| {
-            let n_rows = x.len() / width;
-            let mut normed = x.to_vec();
-            normed.par_chunks_exact_mut(width).for_each(|row| layer.norm_2.forward(row));
-            let mut inner = vec![0.0; n_rows * hidden];
-            layer.hidden.forward(&normed, &mut inner);
-            inner.par_chunks_exact_mut(hidden).for_each(gelu_tanh);
-            layer.output.forward(&inner, &mut normed);
-            add_rows(x, &normed);
-        });
-    }
+/// Returns the normalised rows of `x [t, width]`.
+fn normalised(norm: &LayerNorm, x: &[f32], width: usize) -> Vec<f32> {
+    let mut out = x.to_vec();
+    out.par_chunks_exact_mut(width).for_each(|row| norm.forward(row));
+    out
 }
 
 /// Copies the patches of images `[n, 3, side, side]` into rows `[n · p, 3 · PATCH_SIDE²]`.

@@ -128,7 +128,7 @@ fn configuration(architecture: &Pi05Architecture, morphology: Morphology) -> [(&
             json!({
                 "morphology": morphology.name(),
                 "control_mode": control_mode.name(),
-                "vision_heads": architecture.vision.n_heads,
+                "vision_heads": architecture.vision.num_attention_heads,
             }),
         ),
     ]

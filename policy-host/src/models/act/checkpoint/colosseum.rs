@@ -7,7 +7,7 @@ use ipc_types::layout::{MAX_ACTION_DIM, MAX_STATE_DIM};
 use ipc_types::{ControlMode, Morphology};
 use serde::{Deserialize, Serialize};
 
-use super::description::{Description, TensorNames};
+use super::description::{ActDescription, TensorNames};
 use crate::formats::CheckpointError;
 use crate::formats::files::MAPPING_FILE;
 use crate::formats::mapping::ObservationMapping;
@@ -217,7 +217,7 @@ pub(crate) fn describe(
     path: &Path,
     text: &[u8],
     tensors: &mut Option<TensorFile>,
-) -> Result<Description, CheckpointError> {
+) -> Result<ActDescription, CheckpointError> {
     let config: ActConfig = parse(path, text)?;
     config.check().map_err(|(key, found, expected)| CheckpointError::Value {
         path: path.to_owned(),
@@ -250,7 +250,7 @@ pub(crate) fn describe(
     }
     let later_layers = (1..config.dec_layers).map(|layer| format!("transformer.decoder.layers.{layer}."));
     let unused = UNUSED.into_iter().chain(STATISTICS).map(str::to_owned).chain(later_layers).collect();
-    Ok(Description {
+    Ok(ActDescription {
         architecture: config.architecture(),
         normalisation,
         names: TensorNames { prefixes: &[], unused },

@@ -7,7 +7,7 @@ use crate::text::LanguageConfig;
 
 /// Contents of a folder's configuration, independent of its format.
 #[derive(Debug)]
-pub(crate) struct Description {
+pub(crate) struct ActDescription {
     pub(crate) architecture: Architecture,
     pub(crate) normalisation: Normalisation,
     pub(crate) names: TensorNames,

@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::description::{Description, TensorNames};
+use super::description::{ActDescription, TensorNames};
 use crate::formats::CheckpointError;
 use crate::formats::files::PREPROCESSOR;
 use crate::formats::lerobot::feature::{FeatureKind, FeatureShape, InputFeature, rename};
@@ -134,7 +134,7 @@ pub(crate) fn describe(
     folder: &Path,
     mut settings: Settings,
     tensors: &mut Option<TensorFile>,
-) -> Result<Description, CheckpointError> {
+) -> Result<ActDescription, CheckpointError> {
     let mut notes = Vec::new();
     let mut sidecar = Sidecar::read(folder)?;
     sidecar.refuse_pi05_keys(folder)?;
@@ -176,7 +176,7 @@ pub(crate) fn describe(
             "gets the benchmark's square images, stretched to the shape of `{name}` and of every other camera"
         ));
     }
-    Ok(Description {
+    Ok(ActDescription {
         architecture,
         normalisation: normalisation(before, after, &inputs, config.action_dim)?,
         names: TensorNames { prefixes: &PREFIXES, unused: UNUSED.map(str::to_owned).into() },

@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 
 use run_config::input;
 
-use self::description::Description;
-pub(crate) use self::stored::{StoredNetwork, folders, load_networks};
+use self::description::ActDescription;
+pub(crate) use self::stored::{StoredNetwork, load_networks, open};
 use self::tensors::tensor_specs;
 use super::architecture::{Architecture, InvalidHyperparameter, Normalisation};
 use crate::formats::settings::Settings;
@@ -27,16 +27,16 @@ use crate::weights::{CONFIG_FILE, MODEL_FILE, StateDict, TensorFile};
 
 /// A checkpoint whose configuration and weights header have been checked against each other.
 #[derive(Debug)]
-pub struct Checkpoint {
+pub struct ActCheckpoint {
     folder: PathBuf,
-    description: Description,
+    description: ActDescription,
     tensors: TensorFile,
 }
 
 /// Suffix of the batch counters of PyTorch's BatchNorm, which are accepted with any dtype and ignored.
 const IGNORED_SUFFIX: &str = ".num_batches_tracked";
 
-impl Checkpoint {
+impl ActCheckpoint {
     /// Reads the configuration in `folder` and the header of its weights file, and checks one against the
     /// other.
     ///

@@ -1,12 +1,12 @@
 //! The networks in a checkpoint folder, one per morphology.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use ipc_types::Morphology;
 
-use super::Checkpoint;
-use crate::formats::folder::checkpoint_folders;
-use crate::formats::{CheckpointFolderError, ObservationMapping};
+use super::ActCheckpoint;
+use crate::formats::folder::{build_networks, checkpoint_folders};
+use crate::formats::{CheckpointError, CheckpointFolderError, ObservationMapping};
 use crate::models::act::architecture::{Architecture, Normalisation};
 use crate::text::TextEncoder;
 use crate::weights::{CONFIG_FILE, StateDict};
@@ -31,40 +31,28 @@ pub(crate) fn load_networks<N, E: From<CheckpointFolderError>>(
     robots: &[Morphology],
     mut build: impl FnMut(StoredNetwork) -> Result<N, E>,
 ) -> Result<Vec<N>, E> {
-    let (mut networks, mut found) = (Vec::new(), Vec::new());
-    for inner in folders(folder)? {
-        let Some(stored) = read(&inner, robots)? else { continue };
-        let morphology = stored.mapping.morphology;
-        if found.contains(&morphology) {
-            let (folder, morphology) = (folder.to_owned(), morphology.name());
-            return Err(CheckpointFolderError::DuplicateMorphology { folder, morphology }.into());
-        }
-        found.push(morphology);
-        networks.push(build(stored)?);
-    }
-    Ok(networks)
+    let robot_of = |checkpoint: &ActCheckpoint| Ok(checkpoint.mapping()?.morphology);
+    build_networks(folder, open(folder)?, robots, robot_of, |checkpoint| {
+        build(read(checkpoint).map_err(CheckpointFolderError::from)?)
+    })
 }
 
-/// Returns the checkpoint folders in `folder`: `folder` itself, or its subfolders `single` and `bimanual`.
-pub(crate) fn folders(folder: &Path) -> Result<Vec<PathBuf>, CheckpointFolderError> {
-    checkpoint_folders(folder, CONFIG_FILE, |folder| folder.join(CONFIG_FILE).is_file())
+/// Opens the checkpoints in `folder`: `folder` itself, or its subfolders `single` and `bimanual`.
+///
+/// # Errors
+/// If there is none, or one is invalid.
+pub(crate) fn open(folder: &Path) -> Result<Vec<ActCheckpoint>, CheckpointFolderError> {
+    let folders = checkpoint_folders(folder, CONFIG_FILE, |folder| folder.join(CONFIG_FILE).is_file())?;
+    Ok(folders.iter().map(|folder| ActCheckpoint::open(folder)).collect::<Result<_, _>>()?)
 }
 
-/// Reads the network in `folder`, unless it is for another robot.
-fn read(folder: &Path, robots: &[Morphology]) -> Result<Option<StoredNetwork>, CheckpointFolderError> {
-    let mut checkpoint = Checkpoint::open(folder)?;
-    let mapping = checkpoint.mapping()?.clone();
-    if !robots.contains(&mapping.morphology) {
-        return Ok(None);
-    }
-    let encoder = checkpoint.text_encoder()?;
-    let state_dict = checkpoint.state_dict()?;
-    Ok(Some(StoredNetwork {
+fn read(mut checkpoint: ActCheckpoint) -> Result<StoredNetwork, CheckpointError> {
+    Ok(StoredNetwork {
+        mapping: checkpoint.mapping()?.clone(),
+        encoder: checkpoint.text_encoder()?,
+        state_dict: checkpoint.state_dict()?,
         architecture: checkpoint.architecture().clone(),
         normalisation: checkpoint.normalisation().clone(),
-        state_dict,
-        mapping,
-        encoder,
         ensemble_decay: checkpoint.chunk_settings().ensemble_decay,
-    }))
+    })
 }

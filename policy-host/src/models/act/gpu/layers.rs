@@ -16,7 +16,7 @@ pub(crate) struct StepList<'a> {
     pub(crate) steps: Vec<NetworkStep>,
 }
 
-/// TokenRows of width `d`, `n_rows` of them per sample.
+/// Rows of width `d`, `n_rows` of them per sample.
 #[derive(Clone, Debug)]
 pub(crate) struct TokenRows {
     pub(crate) buffer: DeviceBuffer,

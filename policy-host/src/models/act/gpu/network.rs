@@ -18,7 +18,7 @@ const MAX_SAMPLES: usize = 32;
 
 /// An ACT network on a device.
 #[derive(Debug)]
-pub(crate) struct GpuNetwork {
+pub(crate) struct GpuActNetwork {
     pub(crate) architecture: Architecture,
     pub(crate) leading: LeadingTokens,
     action: Option<ShiftScale>,
@@ -36,7 +36,7 @@ pub(crate) struct GpuNetwork {
     chunk: Vec<f32>,
 }
 
-impl GpuNetwork {
+impl GpuActNetwork {
     /// Uploads a checked state dict and prepares all steps.
     ///
     /// # Errors

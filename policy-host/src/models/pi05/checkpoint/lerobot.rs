@@ -11,9 +11,8 @@ use crate::formats::lerobot::statistics::{ACTION, Modes, NormalisationMode, Norm
 use crate::formats::lerobot::{read_base, read_chunk};
 use crate::formats::mapping::refuse_if;
 use crate::formats::settings::{Features, IgnoreList, Settings};
-use crate::models::pi05::architecture::Pi05Architecture;
+use crate::models::pi05::architecture::{MAX_STEPS, Pi05Architecture};
 use crate::policy::execution::ChunkSettings;
-use crate::spec::MAX_STEPS;
 
 /// Upper bound on the rows of a chunk and on the entries of a state.
 pub(crate) const MAX_ROWS: usize = 1024;

@@ -31,7 +31,7 @@ use crate::models::LoadGpuError;
 use crate::nn::Precision;
 #[cfg(feature = "gpu")]
 use crate::nn::gpu::GpuDevice;
-use crate::text::paligemma::Prompter;
+use crate::text::paligemma::PaliGemmaTokenizer;
 use crate::weights::{CONFIG_FILE, INDEX_FILE, MODEL_FILE, TensorFolder};
 
 /// A checkpoint whose configuration and weights headers have been checked against each other.
@@ -100,9 +100,9 @@ impl Pi05Checkpoint {
     ///
     /// # Errors
     /// If the file is absent or damaged, or does not fit the embedding.
-    pub fn prompter(&self) -> Result<Prompter, CheckpointError> {
+    pub fn tokenizer(&self) -> Result<PaliGemmaTokenizer, CheckpointError> {
         let Pi05Description { architecture, max_tokens, tokenizer_folder, .. } = &self.description;
-        Ok(Prompter::load(tokenizer_folder, architecture.vocabulary, *max_tokens)?)
+        Ok(PaliGemmaTokenizer::load(tokenizer_folder, architecture.vocabulary, *max_tokens)?)
     }
 
     /// Checks that the weights fit into the memory that is available.

@@ -3,7 +3,7 @@
 use super::gemma::{LayerWeights, StackBuffers};
 use super::runs::{BatchUnit, RunBuilder};
 use crate::models::LoadGpuError;
-use crate::models::pi05::architecture::{GemmaSizes, LayerStack};
+use crate::models::pi05::architecture::{GemmaConfig, LayerStack};
 use crate::models::pi05::expert::Modulation;
 use crate::nn::gpu::DeviceBuffer;
 use crate::nn::gpu::ops::{DeviceWeights, ProductEpilogue};
@@ -36,11 +36,11 @@ impl RunBuilder<'_> {
         stack: &StackBuffers,
         input: &ExpertInput<'_>,
     ) -> Result<(), LoadGpuError> {
-        let GemmaSizes { depth, head_width, .. } = stack.sizes;
+        let GemmaConfig { num_hidden_layers: depth, head_dim: head_width, .. } = stack.config;
         let names = self.source.names;
         let root = |module: &str, tensor: &str| names.root(&format!("{module}.{tensor}"));
-        let action_in = self.linear(&["action_in_proj"], root)?;
-        let action_out = self.linear(&["action_out_proj"], root)?;
+        let action_in_proj = self.linear(&["action_in_proj"], root)?;
+        let action_out_proj = self.linear(&["action_out_proj"], root)?;
         let layer = |idx: usize| -> Result<_, LoadGpuError> {
             let part = LayerStack::Expert;
             Ok((self.key_weights(part, idx)?, self.layer_weights(part, idx)?))
@@ -53,14 +53,14 @@ impl RunBuilder<'_> {
         self.count(BatchUnit::Sample);
         for modulations in input.modulations {
             let modulations: Vec<_> = modulations.iter().map(|one| self.modulation(one)).collect();
-            self.multiply(&action_in, stack.n_rows, (input.actions, &stack.x), ProductEpilogue::Store);
+            self.multiply(&action_in_proj, stack.n_rows, (input.actions, &stack.x), ProductEpilogue::Store);
             for (idx, weights) in layers.iter().enumerate() {
                 let norms = [&modulations[2 * idx], &modulations[2 * idx + 1]];
                 self.expert_layer(weights, norms, stack, (input, idx), &keys)?;
             }
             let last = &modulations[2 * depth];
             self.rms_norm(stack, (&last.scale, &last.shift));
-            self.multiply(&action_out, stack.n_rows, (&stack.normed, &velocity), ProductEpilogue::Store);
+            self.multiply(&action_out_proj, stack.n_rows, (&stack.normed, &velocity), ProductEpilogue::Store);
             let step = self.ops.add_scaled(step_size, n_values, &velocity, input.actions);
             self.push(step);
         }
@@ -70,14 +70,14 @@ impl RunBuilder<'_> {
     fn expert_layer(
         &mut self,
         (key_weights, weights): &(DeviceWeights, LayerWeights),
-        [attention, mlp]: [&DeviceModulation; 2],
+        [input_layernorm, post_attention_layernorm]: [&DeviceModulation; 2],
         stack: &StackBuffers,
         (input, layer): (&ExpertInput<'_>, usize),
         keys: &DeviceBuffer,
     ) -> Result<(), LoadGpuError> {
-        let GemmaSizes { n_heads, head_width, .. } = stack.sizes;
+        let GemmaConfig { num_attention_heads: n_heads, head_dim: head_width, .. } = stack.config;
         let n_rows = stack.n_rows;
-        self.rms_norm(stack, (&attention.scale, &attention.shift));
+        self.rms_norm(stack, (&input_layernorm.scale, &input_layernorm.shift));
         self.store_keys(key_weights, stack, input.angles, keys);
         self.store_queries(weights, stack, input.angles);
         let shape =
@@ -85,11 +85,18 @@ impl RunBuilder<'_> {
         let (queries, spans) = (&stack.queries, &stack.spans);
         let prefix = &input.cache[layer];
         self.attend(shape, SequenceInput { queries, prefix, suffix: keys, spans }, &stack.heads)?;
-        let step = self.ops.gated_linear(&weights.out, n_rows, &stack.heads, &attention.gate, &stack.x);
+        let step =
+            self.ops.gated_linear(&weights.o_proj, n_rows, &stack.heads, &input_layernorm.gate, &stack.x);
         self.push(step);
-        self.rms_norm(stack, (&mlp.scale, &mlp.shift));
+        self.rms_norm(stack, (&post_attention_layernorm.scale, &post_attention_layernorm.shift));
         self.hidden(weights, stack);
-        let step = self.ops.gated_linear(&weights.down, n_rows, &stack.hidden, &mlp.gate, &stack.x);
+        let step = self.ops.gated_linear(
+            &weights.down_proj,
+            n_rows,
+            &stack.hidden,
+            &post_attention_layernorm.gate,
+            &stack.x,
+        );
         self.push(step);
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use super::runs::{BatchUnit, RunBuilder};
 use crate::models::LoadGpuError;
-use crate::models::pi05::architecture::{GemmaSizes, LayerStack};
+use crate::models::pi05::architecture::{GemmaConfig, LayerStack};
 use crate::models::pi05::layers::EPSILON;
 use crate::nn::gpu::DeviceBuffer;
 use crate::nn::gpu::ops::{DeviceWeights, ProductEpilogue};
@@ -10,17 +10,17 @@ use crate::nn::gpu::sequences::{RotaryRows, RowNorm, SequenceInput, SequenceShap
 
 /// The matrices of a layer, but for those of keys and values.
 pub(crate) struct LayerWeights {
-    pub(crate) queries: DeviceWeights,
-    pub(crate) out: DeviceWeights,
-    pub(crate) gate: DeviceWeights,
-    pub(crate) up: DeviceWeights,
-    pub(crate) down: DeviceWeights,
+    pub(crate) q_proj: DeviceWeights,
+    pub(crate) o_proj: DeviceWeights,
+    pub(crate) gate_proj: DeviceWeights,
+    pub(crate) up_proj: DeviceWeights,
+    pub(crate) down_proj: DeviceWeights,
 }
 
 /// Working memory of a stack of layers, and its rows: `n_rows` per unit.
 #[derive(Debug)]
 pub(crate) struct StackBuffers {
-    pub(crate) sizes: GemmaSizes,
+    pub(crate) config: GemmaConfig,
     pub(crate) n_rows: usize,
     pub(crate) x: DeviceBuffer,
     pub(crate) normed: DeviceBuffer,
@@ -34,17 +34,29 @@ pub(crate) struct StackBuffers {
 }
 
 /// Returns the largest number of words of a row in a buffer of a stack.
-pub(crate) fn max_words(sizes: GemmaSizes) -> usize {
-    let GemmaSizes { width, hidden, n_heads, head_width, .. } = sizes;
+pub(crate) fn max_words(config: GemmaConfig) -> usize {
+    let GemmaConfig {
+        hidden_size: width,
+        intermediate_size: hidden,
+        num_attention_heads: n_heads,
+        head_dim: head_width,
+        ..
+    } = config;
     [width, hidden, n_heads * head_width, 2 * head_width].into_iter().fold(0, usize::max)
 }
 
 impl RunBuilder<'_> {
-    pub(crate) fn stack_buffers(&self, sizes: GemmaSizes, unit: BatchUnit, n_rows: usize) -> StackBuffers {
-        let GemmaSizes { width, hidden, n_heads, head_width, .. } = sizes;
+    pub(crate) fn stack_buffers(&self, config: GemmaConfig, unit: BatchUnit, n_rows: usize) -> StackBuffers {
+        let GemmaConfig {
+            hidden_size: width,
+            intermediate_size: hidden,
+            num_attention_heads: n_heads,
+            head_dim: head_width,
+            ..
+        } = config;
         let rows = |label: &str, width: usize| self.buffer(label, unit, n_rows * width);
         StackBuffers {
-            sizes,
+            config,
             n_rows,
             x: rows("x", width),
             normed: rows("normed", width),
@@ -67,17 +79,17 @@ impl RunBuilder<'_> {
         let matrix =
             |module: &str| self.matrix(&[self.source.names.layer(part, layer, &format!("{module}.weight"))]);
         Ok(LayerWeights {
-            queries: matrix("self_attn.q_proj")?,
-            out: matrix("self_attn.o_proj")?,
-            gate: matrix("mlp.gate_proj")?,
-            up: matrix("mlp.up_proj")?,
-            down: matrix("mlp.down_proj")?,
+            q_proj: matrix("self_attn.q_proj")?,
+            o_proj: matrix("self_attn.o_proj")?,
+            gate_proj: matrix("mlp.gate_proj")?,
+            up_proj: matrix("mlp.up_proj")?,
+            down_proj: matrix("mlp.down_proj")?,
         })
     }
 
     /// Adds an RMS normalisation from `x` to `normed`.
     pub(crate) fn rms_norm(&mut self, stack: &StackBuffers, affine: (&DeviceBuffer, &DeviceBuffer)) {
-        let shape = (stack.n_rows, stack.sizes.width);
+        let shape = (stack.n_rows, stack.config.hidden_size);
         let step = self.ops.normalise(RowNorm::Rms(EPSILON), shape, &stack.x, affine, &stack.normed);
         self.push(step);
     }
@@ -90,9 +102,9 @@ impl RunBuilder<'_> {
         angles: &DeviceBuffer,
         keys: &DeviceBuffer,
     ) {
-        let head_width = stack.sizes.head_width;
+        let head_width = stack.config.head_dim;
         self.multiply(weights, stack.n_rows, (&stack.normed, keys), ProductEpilogue::Store);
-        self.rotate(stack, (2 * head_width, 1), angles, keys);
+        self.apply_rotary(stack, (2 * head_width, 1), angles, keys);
     }
 
     /// Adds the queries of the normalised rows.
@@ -102,20 +114,20 @@ impl RunBuilder<'_> {
         stack: &StackBuffers,
         angles: &DeviceBuffer,
     ) {
-        let GemmaSizes { n_heads, head_width, .. } = stack.sizes;
+        let GemmaConfig { num_attention_heads: n_heads, head_dim: head_width, .. } = stack.config;
         let rows = (&stack.normed, &stack.queries);
-        self.multiply(&weights.queries, stack.n_rows, rows, ProductEpilogue::Store);
-        self.rotate(stack, (n_heads * head_width, n_heads), angles, &stack.queries);
+        self.multiply(&weights.q_proj, stack.n_rows, rows, ProductEpilogue::Store);
+        self.apply_rotary(stack, (n_heads * head_width, n_heads), angles, &stack.queries);
     }
 
-    fn rotate(
+    fn apply_rotary(
         &mut self,
         stack: &StackBuffers,
         (stride, n_heads): (usize, usize),
         angles: &DeviceBuffer,
         x: &DeviceBuffer,
     ) {
-        let head_width = stack.sizes.head_width;
+        let head_width = stack.config.head_dim;
         let rows = RotaryRows { n_rows: stack.n_rows, stride, n_heads, head_width };
         let step = self.ops.rotate(rows, (angles, &stack.positions), x);
         self.push(step);
@@ -124,19 +136,25 @@ impl RunBuilder<'_> {
     /// Adds the hidden layer of an MLP of the normalised rows, `gelu(gate) · up`.
     pub(crate) fn hidden(&mut self, weights: &LayerWeights, stack: &StackBuffers) {
         let rows = (&stack.normed, &stack.hidden);
-        self.multiply(&weights.gate, stack.n_rows, rows, ProductEpilogue::Gelu);
-        self.multiply(&weights.up, stack.n_rows, rows, ProductEpilogue::Multiply);
+        self.multiply(&weights.gate_proj, stack.n_rows, rows, ProductEpilogue::Gelu);
+        self.multiply(&weights.up_proj, stack.n_rows, rows, ProductEpilogue::Multiply);
     }
 
     /// Adds the language model, whose rows are in `stack.x`, in place. Returns the keys and values
     /// `[rows, 2 · head_width]` of every layer.
-    pub(crate) fn prefix(
+    pub(crate) fn prefill(
         &mut self,
         stack: &StackBuffers,
         max_length: usize,
         angles: &DeviceBuffer,
     ) -> Result<Vec<DeviceBuffer>, LoadGpuError> {
-        let GemmaSizes { width, depth, n_heads, head_width, .. } = stack.sizes;
+        let GemmaConfig {
+            hidden_size: width,
+            num_hidden_layers: depth,
+            num_attention_heads: n_heads,
+            head_dim: head_width,
+            ..
+        } = stack.config;
         let names = self.source.names;
         let zero = self.constant("shift", &vec![0.0; width]);
         let shape =
@@ -148,11 +166,11 @@ impl RunBuilder<'_> {
                 let scale: Vec<f32> = stored.into_iter().map(|weight| 1.0 + weight).collect();
                 Ok(self.constant("scale", &scale))
             };
-            let (attention, mlp) =
+            let (input_layernorm, post_attention_layernorm) =
                 (scale("input_layernorm.weight")?, scale("post_attention_layernorm.weight")?);
             let keys = self.buffer("keys", BatchUnit::Row, 2 * head_width);
             let key_weights = self.key_weights(LayerStack::Prefix, layer)?;
-            self.rms_norm(stack, (&attention, &zero));
+            self.rms_norm(stack, (&input_layernorm, &zero));
             self.store_keys(&key_weights, stack, angles, &keys);
             cache.push(keys);
             // Nothing reads what the last layer would add to the tokens.
@@ -165,10 +183,10 @@ impl RunBuilder<'_> {
             let (queries, spans) = (&stack.queries, &stack.spans);
             self.attend(shape, SequenceInput { queries, prefix: keys, suffix: keys, spans }, &stack.heads)?;
             self.count(BatchUnit::Row);
-            self.multiply(&weights.out, 1, (&stack.heads, &stack.x), ProductEpilogue::Add);
-            self.rms_norm(stack, (&mlp, &zero));
+            self.multiply(&weights.o_proj, 1, (&stack.heads, &stack.x), ProductEpilogue::Add);
+            self.rms_norm(stack, (&post_attention_layernorm, &zero));
             self.hidden(&weights, stack);
-            self.multiply(&weights.down, 1, (&stack.hidden, &stack.x), ProductEpilogue::Add);
+            self.multiply(&weights.down_proj, 1, (&stack.hidden, &stack.x), ProductEpilogue::Add);
         }
         Ok(cache)
     }

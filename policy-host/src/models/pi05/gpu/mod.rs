@@ -11,4 +11,4 @@ mod runs;
 mod vision;
 
 pub use network::GpuPi05Network;
-pub use policy::GpuPi05Policy;
+pub(crate) use policy::GpuPi05Policy;

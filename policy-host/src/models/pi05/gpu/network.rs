@@ -30,7 +30,7 @@ pub struct GpuPi05Network {
     gpu: Arc<GpuDevice>,
     architecture: Pi05Architecture,
     /// Token embedding `[vocabulary, width]`, which stays in the file.
-    embedding: StoredTensor,
+    embed_tokens: StoredTensor,
     /// Counts each [`BatchUnit`].
     queue: BatchQueue<N_UNITS>,
     /// Largest batch in samples.
@@ -89,17 +89,17 @@ impl GpuPi05Network {
         let counts = [(); N_UNITS].map(|()| DeviceBuffer::batch(gpu));
         let mut build = RunBuilder::new(gpu, source, &counts, per_sample.times(samples));
 
-        let images = build.vision(vision, prefix.width)?;
+        let images = build.vision(vision, prefix.hidden_size)?;
         let prefix = build.stack_buffers(prefix, BatchUnit::Row, 1);
-        let width = prefix.sizes.width;
+        let width = prefix.config.hidden_size;
         let text = build.buffer("text", BatchUnit::Token, width);
         let index = build.buffer("index", BatchUnit::Row, 1);
         build.count(BatchUnit::Row);
         let step = build.ops.gather(width, [&images.tokens, &text], &index, &prefix.x);
         build.push(step);
-        let rotary = Rotary::new(prefix.sizes.head_width, options.max_prefix + horizon);
+        let rotary = Rotary::new(prefix.config.head_dim, options.max_prefix + horizon);
         let angles = build.constant("angles", rotary.angles().as_flattened());
-        let cache = build.prefix(&prefix, options.max_prefix, &angles)?;
+        let cache = build.prefill(&prefix, options.max_prefix, &angles)?;
         let (min, max) = options.periods;
         let modulations = modulations(source, expert, &times(options.n_steps), TimePeriods { min, max });
         let expert = build.stack_buffers(expert, BatchUnit::Sample, horizon);
@@ -137,7 +137,7 @@ impl GpuPi05Network {
         ];
         let result = (actions, BatchUnit::Sample, horizon * action_width);
         Ok(Self {
-            embedding: source.tensor(&source.names.embedding()).map_err(unreadable)?,
+            embed_tokens: source.tensor(&source.names.embedding()).map_err(unreadable)?,
             gpu: Arc::clone(gpu),
             architecture,
             queue: BatchQueue::new(counters, inputs.map(array).into(), runs, array(result)),
@@ -166,7 +166,7 @@ impl GpuPi05Network {
         let rows = self.rows(&input);
         let counts = UnitCounts {
             images: patches.len() / (vision.n_patches * PATCH_VALUES),
-            tokens: rows.text.len() / prefix.width,
+            tokens: rows.text.len() / prefix.hidden_size,
             rows: rows.index.len(),
             samples,
         };
@@ -225,8 +225,8 @@ impl GpuPi05Network {
                 rows.index.push(2 * n_tokens + 1);
                 n_tokens += 1;
                 let start = rows.text.len();
-                rows.text.resize(start + prefix.width, 0.0);
-                embed(&self.embedding, token, &mut rows.text[start..]);
+                rows.text.resize(start + prefix.hidden_size, 0.0);
+                embed(&self.embed_tokens, token, &mut rows.text[start..]);
             }
             let length = rows.index.len() as u32 - first;
             rows.prefix_positions.extend(0..length);
@@ -263,7 +263,7 @@ fn capacity(
 ) -> Result<usize, GpuError> {
     let Pi05Architecture { vision, prefix, expert, horizon, action_width, .. } = *architecture;
     let n_words = [
-        n_images * vision::max_words(vision, prefix.width),
+        n_images * vision::max_words(vision, prefix.hidden_size),
         max_prefix * gemma::max_words(prefix),
         horizon * gemma::max_words(expert).max(action_width),
     ];

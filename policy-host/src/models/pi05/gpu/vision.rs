@@ -2,7 +2,7 @@
 
 use super::runs::{BatchUnit, RunBuilder};
 use crate::models::LoadGpuError;
-use crate::models::pi05::architecture::{LayerStack, VisionSizes};
+use crate::models::pi05::architecture::{LayerStack, SiglipConfig};
 use crate::models::pi05::layers::EPSILON;
 use crate::models::pi05::siglip::PATCH_VALUES;
 use crate::nn::gpu::DeviceBuffer;
@@ -31,8 +31,8 @@ struct LayerBuffers {
 }
 
 /// Returns the largest number of words of an image in a buffer of the vision tower.
-pub(crate) fn max_words(sizes: VisionSizes, prefix_width: usize) -> usize {
-    let VisionSizes { width, hidden, n_patches, .. } = sizes;
+pub(crate) fn max_words(config: SiglipConfig, prefix_width: usize) -> usize {
+    let SiglipConfig { hidden_size: width, intermediate_size: hidden, n_patches, .. } = config;
     n_patches * [PATCH_VALUES, 2 * width, hidden, prefix_width].into_iter().fold(0, usize::max)
 }
 
@@ -40,36 +40,41 @@ impl RunBuilder<'_> {
     /// Adds the vision tower and the projector to the language model.
     pub(crate) fn vision(
         &mut self,
-        sizes: VisionSizes,
+        config: SiglipConfig,
         prefix_width: usize,
     ) -> Result<VisionBuffers, LoadGpuError> {
-        let VisionSizes { width, depth, n_patches, .. } = sizes;
+        let SiglipConfig { hidden_size: width, num_hidden_layers: depth, n_patches, .. } = config;
         let names = self.source.names;
         let buffers = VisionBuffers {
             patches: self.buffer("patches", BatchUnit::Image, n_patches * PATCH_VALUES),
             tokens: self.buffer("image tokens", BatchUnit::Image, n_patches * prefix_width),
         };
-        let memory = self.layer_buffers(sizes);
-        let positions = self.constant("positions", &self.vector(&names.position_embedding())?);
-        let patches = self.linear(&[""], |_, tensor| names.patch_embedding(tensor))?;
+        let memory = self.layer_buffers(config);
+        let position_embedding = self.constant("positions", &self.vector(&names.position_embedding())?);
+        let patch_embedding = self.linear(&[""], |_, tensor| names.patch_embedding(tensor))?;
         self.count(BatchUnit::Image);
         self.push_step(NetworkStep::Copy {
-            from: (positions, 0),
+            from: (position_embedding, 0),
             to: (memory.x.clone(), n_patches * width),
             n_words: n_patches * width,
         });
-        self.multiply(&patches, n_patches, (&buffers.patches, &memory.x), ProductEpilogue::Add);
+        self.multiply(&patch_embedding, n_patches, (&buffers.patches, &memory.x), ProductEpilogue::Add);
         for layer in 0..depth {
-            self.vision_layer(sizes, layer, &memory)?;
+            self.vision_layer(config, layer, &memory)?;
         }
-        self.layer_norm(|tensor| names.post_norm(tensor), sizes, &memory)?;
-        let projector = self.linear(&[""], |_, tensor| names.projector(tensor))?;
-        self.multiply(&projector, n_patches, (&memory.normed, &buffers.tokens), ProductEpilogue::Store);
+        self.layer_norm(|tensor| names.post_norm(tensor), config, &memory)?;
+        let multi_modal_projector = self.linear(&[""], |_, tensor| names.projector(tensor))?;
+        self.multiply(
+            &multi_modal_projector,
+            n_patches,
+            (&memory.normed, &buffers.tokens),
+            ProductEpilogue::Store,
+        );
         Ok(buffers)
     }
 
-    fn layer_buffers(&self, sizes: VisionSizes) -> LayerBuffers {
-        let VisionSizes { width, hidden, n_patches, .. } = sizes;
+    fn layer_buffers(&self, config: SiglipConfig) -> LayerBuffers {
+        let SiglipConfig { hidden_size: width, intermediate_size: hidden, n_patches, .. } = config;
         let rows = |label: &str, width: usize| self.buffer(label, BatchUnit::Image, n_patches * width);
         let n_patches = n_patches as u32;
         let span = |image: u32| {
@@ -90,17 +95,17 @@ impl RunBuilder<'_> {
 
     fn vision_layer(
         &mut self,
-        sizes: VisionSizes,
+        config: SiglipConfig,
         layer: usize,
         memory: &LayerBuffers,
     ) -> Result<(), LoadGpuError> {
-        let VisionSizes { width, n_heads, n_patches, .. } = sizes;
+        let SiglipConfig { hidden_size: width, num_attention_heads: n_heads, n_patches, .. } = config;
         let names = self.source.names;
         let name = |module: &str, tensor: &str| {
             names.layer(LayerStack::Vision, layer, &format!("{module}.{tensor}"))
         };
         let LayerBuffers { x, normed, queries, keys, heads, hidden, spans } = memory;
-        self.layer_norm(|tensor| name("layer_norm1", tensor), sizes, memory)?;
+        self.layer_norm(|tensor| name("layer_norm1", tensor), config, memory)?;
         let weights = self.linear(&["self_attn.q_proj"], name)?;
         self.multiply(&weights, n_patches, (normed, queries), ProductEpilogue::Store);
         let weights = self.linear(&["self_attn.k_proj", "self_attn.v_proj"], name)?;
@@ -115,7 +120,7 @@ impl RunBuilder<'_> {
         self.attend(shape, SequenceInput { queries, prefix: keys, suffix: keys, spans }, heads)?;
         let weights = self.linear(&["self_attn.out_proj"], name)?;
         self.multiply(&weights, n_patches, (heads, x), ProductEpilogue::Add);
-        self.layer_norm(|tensor| name("layer_norm2", tensor), sizes, memory)?;
+        self.layer_norm(|tensor| name("layer_norm2", tensor), config, memory)?;
         let weights = self.linear(&["mlp.fc1"], name)?;
         self.multiply(&weights, n_patches, (normed, hidden), ProductEpilogue::Gelu);
         let weights = self.linear(&["mlp.fc2"], name)?;
@@ -127,12 +132,12 @@ impl RunBuilder<'_> {
     fn layer_norm(
         &mut self,
         name: impl Fn(&str) -> String,
-        sizes: VisionSizes,
+        config: SiglipConfig,
         memory: &LayerBuffers,
     ) -> Result<(), LoadGpuError> {
         let scale = self.constant("scale", &self.vector(&name("weight"))?);
         let shift = self.constant("shift", &self.vector(&name("bias"))?);
-        let (norm, shape) = (RowNorm::Layer(EPSILON), (sizes.n_patches, sizes.width));
+        let (norm, shape) = (RowNorm::Layer(EPSILON), (config.n_patches, config.hidden_size));
         let step = self.ops.normalise(norm, shape, &memory.x, (&scale, &shift), &memory.normed);
         self.push(step);
         Ok(())

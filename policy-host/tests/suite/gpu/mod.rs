@@ -3,6 +3,9 @@
 //! Without such a driver the tests print a message and pass, unless the environment variable
 //! `HYPOGEUM_REQUIRE_VULKAN` is 1.
 
+pub(crate) mod kernels;
+mod sequences;
+
 use std::path::Path;
 
 use ipc_types::Morphology;
@@ -15,9 +18,9 @@ use run_config::DeviceChoice;
 
 use policy_host::models::synthetic::write_checkpoint;
 
+use crate::act::lerobot::assert_actions_agree;
+use crate::act::parity::assert_parity;
 use crate::batch::ObservationBatch;
-use crate::lerobot::assert_actions_agree;
-use crate::parity::assert_parity;
 use crate::{data, rows};
 
 /// Loads the tiny checkpoint on a software driver, if there is one.

@@ -8,7 +8,7 @@ use policy_host::weights::{MODEL_FILE, StoredTensor, TensorFolder};
 use safetensors::tensor::{Dtype, TensorView};
 
 use crate::gpu::device;
-use crate::gpu_kernels::{N_SAMPLES, check, gelu, values};
+use crate::gpu::kernels::{N_SAMPLES, check, gelu, values};
 
 /// Writes matrices `[n, k]` of one type to a file and returns them with their rounded values `[Σ n, k]`.
 fn stored(dtype: Dtype, k: usize, rows: &[usize]) -> (Vec<StoredTensor>, Vec<f64>) {

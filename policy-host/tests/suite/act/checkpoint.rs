@@ -4,15 +4,17 @@ use std::fs;
 use std::path::Path;
 
 use ipc_types::{ControlMode, Morphology};
+use policy_host::models::Family;
 use policy_host::models::act::checkpoint::colosseum::ActConfig;
 use policy_host::models::synthetic::write_checkpoint;
+use policy_host::nn::Precision;
 use policy_host::{ActionChunk, PolicyError, PolicySpec, QueryMode, check, load};
 use run_config::{QueryOptions, error_chain};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use tempfile::TempDir;
 
 use crate::batch::ObservationBatch;
-use crate::{assert_contains, data};
+use crate::{act_spec, assert_contains, data};
 
 /// Writes a tiny checkpoint for the single-arm robot, for tests to modify.
 fn checkpoint() -> TempDir {
@@ -27,7 +29,7 @@ const SINGLE: (Morphology, ControlMode) = (Morphology::Single, ControlMode::EeDe
 const BOTH: [(Morphology, ControlMode); 2] = [SINGLE, (Morphology::Bimanual, ControlMode::JointPos)];
 
 fn spec(folder: &Path) -> PolicySpec {
-    PolicySpec::Act(folder.to_owned())
+    act_spec(folder.to_owned())
 }
 
 /// Returns the error of `check` and `load`, which must be the same.
@@ -151,7 +153,9 @@ fn weights_that_are_no_numbers_are_rejected() {
 fn overflow_reaches_the_actions() {
     let folder = checkpoint();
     set_value(folder.path(), "backbones.0.0.body.bn1.weight", 3e38);
-    for spec in [PolicySpec::Act(folder.path().to_owned()), PolicySpec::ActInt8(folder.path().to_owned())] {
+    for spec in
+        [act_spec(folder.path().to_owned()), PolicySpec::network(Family::Act, Precision::Int8, folder.path())]
+    {
         let answers = ObservationBatch::of(Morphology::Single, &[0])
             .answer(&mut *load(&spec, 1, QueryMode::Chunk, &Morphology::ALL).unwrap());
         assert!(answers[0].rows.iter().any(|x| !x.is_finite()), "{:?}", answers[0].rows);

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use ipc_types::Morphology;
 use policy_host::formats::resolve;
-use policy_host::models::act::checkpoint::Checkpoint;
+use policy_host::models::act::checkpoint::ActCheckpoint;
 use safetensors::SafeTensors;
 
 use crate::data;
@@ -71,8 +71,8 @@ fn names_of_wrapped_networks_are_understood() {
     let tensors = SafeTensors::deserialize(&bytes).unwrap();
     let wrapped = tensors.iter().map(|(name, tensor)| (format!("module._orig_mod.{name}"), tensor));
     std::fs::write(&path, safetensors::serialize(wrapped, None).unwrap()).unwrap();
-    let mut checkpoint = Checkpoint::open(folder.path()).unwrap();
+    let mut checkpoint = ActCheckpoint::open(folder.path()).unwrap();
     assert_eq!(checkpoint.mapping().unwrap().morphology, Morphology::Single);
-    let plain = Checkpoint::open(&data("act-tiny/single")).unwrap().state_dict().unwrap();
+    let plain = ActCheckpoint::open(&data("act-tiny/single")).unwrap().state_dict().unwrap();
     assert!(checkpoint.state_dict().unwrap() == plain);
 }

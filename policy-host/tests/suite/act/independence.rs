@@ -1,14 +1,16 @@
 //! Actions of a sample do not depend on its batch or on the number of threads.
 
 use ipc_types::{EnvRecord, Morphology};
+use policy_host::models::Family;
+use policy_host::nn::Precision;
 use policy_host::{Policy, PolicySpec, QueryMode, load};
 
 use crate::batch::ObservationBatch;
-use crate::{data, rows};
+use crate::{act_spec, data, rows};
 
 /// Loads the policy in f32 and with 8-bit integers.
 fn policies(n_threads: usize) -> [Box<dyn Policy>; 2] {
-    [PolicySpec::Act(data("act-tiny")), PolicySpec::ActInt8(data("act-tiny"))]
+    [act_spec(data("act-tiny")), PolicySpec::network(Family::Act, Precision::Int8, data("act-tiny"))]
         .map(|spec| load(&spec, n_threads, QueryMode::Chunk, &Morphology::ALL).unwrap())
 }
 

@@ -8,7 +8,7 @@ use policy_host::{QueryMode, load};
 use safetensors::SafeTensors;
 
 use crate::batch::ObservationBatch;
-use crate::{data, rows};
+use crate::{act_spec, data, rows};
 
 /// Maximum absolute difference of an action entry.
 const TOLERANCE: f32 = 1e-4;
@@ -35,7 +35,7 @@ pub(crate) fn assert_parity(policy: &mut dyn policy_host::Policy, morphology: Mo
 
 #[test]
 fn tiny_checkpoints_agree_with_pytorch() {
-    let spec = policy_host::PolicySpec::Act(data("act-tiny"));
+    let spec = act_spec(data("act-tiny"));
     let mut policy = load(&spec, 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
     for morphology in Morphology::ALL {
         assert_parity(

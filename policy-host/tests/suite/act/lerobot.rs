@@ -4,16 +4,16 @@ use std::path::Path;
 
 use ipc_types::{ControlMode, Morphology, ObservationView};
 use policy_host::models::act::architecture::ImageSize;
-use policy_host::models::act::checkpoint::Checkpoint;
+use policy_host::models::act::checkpoint::ActCheckpoint;
 use policy_host::models::act::image::Image;
 use policy_host::models::act::model::{ActInput, ActModel};
 use policy_host::policy::ensemble::Ensemble;
-use policy_host::{ActionChunk, Policy, PolicyError, PolicySpec, QueryMode, check, load};
+use policy_host::{ActionChunk, Policy, PolicyError, QueryMode, check, load};
 use run_config::{QueryOptions, error_chain};
 use safetensors::SafeTensors;
 
 use crate::batch::ObservationBatch;
-use crate::{assert_contains, data, rows};
+use crate::{act_spec, assert_contains, data, rows};
 
 /// Maximum absolute difference of an action entry.
 const TOLERANCE: f32 = 1e-4;
@@ -108,8 +108,7 @@ fn networks_agree_with_lerobot() {
 
 #[test]
 fn policy_agrees_with_lerobot_end_to_end() {
-    let mut policy =
-        load(&PolicySpec::Act(data("lerobot/robot")), 2, QueryMode::Chunk, &Morphology::ALL).unwrap();
+    let mut policy = load(&act_spec(data("lerobot/robot")), 2, QueryMode::Chunk, &Morphology::ALL).unwrap();
     assert_actions_agree(&mut *policy);
 }
 
@@ -161,7 +160,7 @@ fn temporal_ensembling_agrees_with_lerobot() {
     let (actions, _) = recording.values("episode_actions");
     let [n_steps, horizon, action_dim] = shape[..] else { panic!("{shape:?}") };
     assert!(n_steps > horizon, "the episode must outlast the horizon");
-    let decay = Checkpoint::open(&data("lerobot/robot")).unwrap().chunk_settings().ensemble_decay.unwrap();
+    let decay = ActCheckpoint::open(&data("lerobot/robot")).unwrap().chunk_settings().ensemble_decay.unwrap();
     let mut policy = Ensemble::new(Box::new(RecordedPolicy { chunks, horizon, action_dim, decay }));
     for (step, expected) in actions.chunks_exact(action_dim).enumerate() {
         let mut batch = ObservationBatch::of(Morphology::Single, &[0]);
@@ -190,7 +189,7 @@ fn edit(path: &Path, from: &str, to: &str) {
 
 /// Returns the error of `check`, with its causes.
 fn rejection(folder: &Path) -> String {
-    let spec = PolicySpec::Act(folder.to_owned());
+    let spec = act_spec(folder.to_owned());
     error_chain(
         &check(&spec, &[(Morphology::Single, ControlMode::EeDeltaPose)], QueryOptions::default())
             .unwrap_err(),
@@ -302,11 +301,11 @@ fn mapping_can_swap_cameras_and_select_state_parts() {
                 \"observation.images.external2\": \"external1\", \
                 \"observation.state\": [\"qvel\", \"qpos\", \"tcp_pose\"]}, \"language\"";
     edit(&folder.path().join("hypogeum.json"), "\"language\"", swap);
-    let mapping = Checkpoint::open(folder.path()).unwrap().mapping().unwrap().clone();
+    let mapping = ActCheckpoint::open(folder.path()).unwrap().mapping().unwrap().clone();
     assert_eq!((mapping.cameras, mapping.state), (vec![1, 0, 2], vec![9..18, 0..9, 18..25]));
     let json = folder.path().join("hypogeum.json");
     edit(&json, "\"qvel\", \"qpos\"", "\"qvel[1:9]\", \"qpos[0:9]\", \"qvel[0:1]\"");
-    let mapping = Checkpoint::open(folder.path()).unwrap().mapping().unwrap().clone();
+    let mapping = ActCheckpoint::open(folder.path()).unwrap().mapping().unwrap().clone();
     assert_eq!(mapping.state, [10..18, 0..9, 9..10, 18..25]);
     edit(&json, "qvel[1:9]", "qvel[1:10]");
     assert_contains(&rejection(folder.path()), &["`qvel[1:10]`", "no slice of its 9 entries"]);
@@ -318,7 +317,7 @@ fn older_checkpoint_without_statistics_is_rejected() {
     for file in ["policy_preprocessor.json", "policy_postprocessor.json"] {
         std::fs::remove_file(folder.path().join(file)).unwrap();
     }
-    let error = Checkpoint::open(folder.path()).unwrap_err().to_string();
+    let error = ActCheckpoint::open(folder.path()).unwrap_err().to_string();
     assert_contains(
         &error,
         &["statistics of `observation.state` are missing", "neither policy_preprocessor.json nor"],
