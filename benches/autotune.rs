@@ -16,7 +16,7 @@ use std::process::{Child, Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
 use benches::{Report, median};
-use policy_host::nn::peak::peak_gflop_per_s;
+use policy_host::nn::gemm::peak::peak_gflop_per_s;
 use rusqlite::Connection;
 use serde_json::Value;
 

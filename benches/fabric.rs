@@ -14,8 +14,8 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use benches::Report;
 use ipc_types::Morphology;
-use policy_host::checkpoint::colosseum::ActConfig;
-use policy_host::synthetic::write_checkpoint;
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
+use policy_host::models::synthetic::write_checkpoint;
 use serde_json::Value;
 
 /// Runs per case.

@@ -15,14 +15,14 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use benches::{BenchDevice, Report, median};
 use ipc_types::Morphology;
-use policy_host::checkpoint::pi05::Pi05Checkpoint;
 use policy_host::generated::{fnv1a64, sym};
+use policy_host::models::pi05::GpuPi05Network;
+use policy_host::models::pi05::architecture::Pi05Architecture;
+use policy_host::models::pi05::checkpoint::Pi05Checkpoint;
+use policy_host::models::synthetic::write_pi05_checkpoint;
 use policy_host::nn::gpu::ops::{DeviceWeights, OpBuilder, ProductEpilogue, SampleRows};
 use policy_host::nn::gpu::steps::{NetworkStep, run};
 use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, GpuDevice, KernelCache};
-use policy_host::pi05::GpuPi05Network;
-use policy_host::pi05::architecture::Pi05Architecture;
-use policy_host::synthetic::write_pi05_checkpoint;
 
 use super::{N_IMAGES, N_PROMPT, QueryBatch};
 

@@ -18,12 +18,12 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use benches::{BenchDevice, DEVICE_USAGE, Peer, Report, median};
-use policy_host::checkpoint::pi05::Pi05Checkpoint;
 use policy_host::generated::{fnv1a64, sym};
+use policy_host::models::pi05::architecture::Pi05Architecture;
+use policy_host::models::pi05::checkpoint::Pi05Checkpoint;
+use policy_host::models::pi05::model::{Pi05Input, Pi05Model, SampleTokens};
 use policy_host::nn::Precision;
-use policy_host::nn::peak::peak_gflop_per_s;
-use policy_host::pi05::architecture::Pi05Architecture;
-use policy_host::pi05::model::{Pi05Input, Pi05Model, SampleTokens};
+use policy_host::nn::gemm::peak::peak_gflop_per_s;
 
 /// Tokens of the prompt.
 const N_PROMPT: usize = 60;

@@ -8,10 +8,11 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use benches::{BenchDevice, Report, median};
 use ipc_types::{Morphology, ObservationView};
-use policy_host::act::GpuActPolicy;
-use policy_host::checkpoint::colosseum::ActConfig;
+use policy_host::Policy;
+use policy_host::models::act::GpuActPolicy;
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
+use policy_host::models::synthetic;
 use policy_host::nn::gpu::DeviceKind;
-use policy_host::{Policy, synthetic};
 
 use super::Batch;
 

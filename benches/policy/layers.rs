@@ -13,14 +13,14 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use benches::{Report, median};
 use ipc_types::Morphology;
-use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::generated::unit;
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
+use policy_host::models::synthetic;
 use policy_host::nn::Precision;
+use policy_host::nn::conv::feature_map::FeatureMapShape;
 use policy_host::nn::conv::{Conv2d, ConvGeometry, ConvScratch, Epilogue, FrozenBatchNorm2d};
-use policy_host::nn::feature_map::FeatureMapShape;
+use policy_host::nn::gemm::peak::peak_gflop_per_s;
 use policy_host::nn::linear::Linear;
-use policy_host::nn::peak::peak_gflop_per_s;
-use policy_host::synthetic;
 
 use super::{Batch, MIN_ROUNDS};
 

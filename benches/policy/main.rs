@@ -31,13 +31,14 @@ use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::block_pages;
 use ipc_types::{Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH};
-use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::generated::{fnv1a64, unit};
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
+use policy_host::models::synthetic;
 use policy_host::nn::Precision;
-use policy_host::nn::matmul::{Accum, matmul, view, view_mut};
-use policy_host::nn::packed::PackedWeights;
-use policy_host::nn::peak::peak_gflop_per_s;
-use policy_host::{ActionChunk, Policy, synthetic};
+use policy_host::nn::gemm::matmul::{Accum, matmul, view, view_mut};
+use policy_host::nn::gemm::packed::PackedWeights;
+use policy_host::nn::gemm::peak::peak_gflop_per_s;
+use policy_host::{ActionChunk, Policy};
 
 /// Minimum measuring time per case.
 const CASE_TIME: Duration = Duration::from_millis(2500);

@@ -3,6 +3,7 @@
 use run_config::{DeviceChoice, RunConfig};
 use thiserror::Error;
 
+use crate::nn::Precision;
 use crate::spec::PolicySpec;
 
 /// A request for a device.
@@ -72,7 +73,7 @@ impl FoundDevice {
 /// Returns `true` if this policy can compute on a GPU.
 #[must_use]
 pub fn supports_gpu(spec: &PolicySpec) -> bool {
-    matches!(spec, PolicySpec::Act(_) | PolicySpec::Pi05(_))
+    matches!(spec, PolicySpec::Network(_, source) if source.precision == Precision::F32)
 }
 
 /// Finds the device for these policies. `Auto` selects the CPU if no policy can use a GPU, or none is usable
@@ -81,7 +82,7 @@ pub fn supports_gpu(spec: &PolicySpec) -> bool {
 /// # Errors
 /// If `choice` requires a GPU or a software driver that cannot be opened, or a network of another kind.
 pub fn find(specs: &[&PolicySpec], request: DeviceRequest) -> Result<FoundDevice, DeviceError> {
-    let is_cpu_only = |spec: &&&PolicySpec| matches!(spec, PolicySpec::ActInt8(_) | PolicySpec::Pi05Int8(_));
+    let is_cpu_only = |spec: &&&PolicySpec| matches!(spec, PolicySpec::Network(..)) && !supports_gpu(spec);
     match request.choice {
         DeviceChoice::Cpu => return Ok(FoundDevice::CPU),
         DeviceChoice::Auto => {}

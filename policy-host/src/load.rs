@@ -1,24 +1,21 @@
-//! Construction of a [`Policy`] from a [`PolicySpec`]: the only module that lists the implementors.
-
-use std::path::Path;
+//! Construction of a [`Policy`] from a [`PolicySpec`].
 
 use ipc_types::{ControlMode, Morphology};
 use run_config::{DeviceChoice, QueryOptions};
 use thiserror::Error;
 
 use crate::QueryMode;
-use crate::act::{self, ActPolicy};
-use crate::checkpoint::CheckpointFolderError;
-#[cfg(feature = "gpu")]
-use crate::checkpoint::LoadGpuError;
 use crate::device::{DeviceError, DeviceRequest};
-use crate::ensemble::Ensemble;
-use crate::idle::IdlePolicy;
+use crate::formats::CheckpointFolderError;
+#[cfg(feature = "gpu")]
+use crate::models::LoadGpuError;
+use crate::models::family::{NetworkFamily, NetworkSource};
+use crate::models::idle::IdlePolicy;
+use crate::models::random::RandomPolicy;
 use crate::nn::Precision;
-use crate::pi05::{self, Pi05Policy};
+use crate::policy::ensemble::Ensemble;
 use crate::policy::{Policy, PolicyCheck};
-use crate::random::RandomPolicy;
-use crate::spec::{Pi05Source, PolicySpec};
+use crate::spec::PolicySpec;
 
 /// Errors that can occur while loading a policy or checking it against a run.
 #[derive(Debug, Error)]
@@ -45,9 +42,10 @@ pub fn load(
     load_on(spec, DeviceChoice::Cpu.into(), n_threads, mode, robots)
 }
 
-/// Loads a policy for these robots, of whose networks only those are read. It uses up to `n_threads` threads
-/// of the rayon pool in which it is called. Policies that support no GPU compute on the CPU; so do the others
-/// with [`DeviceChoice::Auto`], which [`device::find`](crate::device::find) resolves.
+/// Loads a policy. Of a checkpoint with a network for each robot, only the networks of `robots` are loaded.
+/// The policy uses up to `n_threads` threads of the rayon pool in which it is called. Policies without a
+/// network compute on the CPU, and so do all with [`DeviceChoice::Auto`], which
+/// [`device::find`](crate::device::find) resolves.
 ///
 /// # Errors
 /// If the policy does not run in a policy host, its checkpoint cannot be loaded, or the device not opened.
@@ -61,18 +59,9 @@ pub fn load_on(
     let policy: Box<dyn Policy> = match spec {
         PolicySpec::Idle => Box::new(IdlePolicy),
         PolicySpec::Random => Box::new(RandomPolicy),
-        PolicySpec::Act(folder) => match device.choice {
-            DeviceChoice::Auto | DeviceChoice::Cpu => {
-                Box::new(ActPolicy::load(folder, Precision::F32, n_threads, robots)?)
-            }
-            DeviceChoice::Gpu | DeviceChoice::Software => load_act_on_gpu(folder, device, robots)?,
-        },
-        PolicySpec::ActInt8(folder) => Box::new(ActPolicy::load(folder, Precision::Int8, n_threads, robots)?),
-        PolicySpec::Pi05(source) => match device.choice {
-            DeviceChoice::Auto | DeviceChoice::Cpu => Box::new(load_pi05(source, Precision::F32, robots)?),
-            DeviceChoice::Gpu | DeviceChoice::Software => load_pi05_on_gpu(source, device, robots)?,
-        },
-        PolicySpec::Pi05Int8(source) => Box::new(load_pi05(source, Precision::Int8, robots)?),
+        PolicySpec::Network(family, source) => {
+            load_network(family.definition(), source, device, n_threads, robots)?
+        }
         PolicySpec::Expert | PolicySpec::Attach(_) => {
             return Err(LoadError::NotHosted { spec: spec.clone() });
         }
@@ -94,16 +83,12 @@ pub fn check(
     requested: QueryOptions,
 ) -> Result<PolicyCheck, LoadError> {
     match spec {
-        PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => {
-            Ok(PolicyCheck::default())
-        }
-        PolicySpec::Act(folder) | PolicySpec::ActInt8(folder) => Ok(act::check(folder, robots, requested)?),
-        PolicySpec::Pi05(source) => Ok(pi05::check(&source.folder, Precision::F32, robots, requested)?),
-        PolicySpec::Pi05Int8(source) => Ok(pi05::check(&source.folder, Precision::Int8, robots, requested)?),
+        PolicySpec::Network(family, source) => Ok((family.definition().check)(source, robots, requested)?),
+        _ => Ok(PolicyCheck::default()),
     }
 }
 
-/// Returns sentences about instructions, each with its robot, that a policy does not read to their end.
+/// Returns sentences about instructions, each with its robot, that are too long for a policy, which cuts them off.
 ///
 /// # Errors
 /// If its checkpoint cannot be read.
@@ -112,36 +97,48 @@ pub fn long_prompts(
     instructions: &[(Morphology, String)],
 ) -> Result<Vec<String>, LoadError> {
     match spec {
-        PolicySpec::Pi05(source) | PolicySpec::Pi05Int8(source) => {
-            Ok(pi05::long_prompts(&source.folder, instructions)?)
+        PolicySpec::Network(family, source) => {
+            Ok((family.definition().long_prompts)(&source.folder, instructions)?)
         }
         _ => Ok(Vec::new()),
     }
 }
 
-#[cfg(feature = "gpu")]
-fn load_act_on_gpu(
-    folder: &Path,
+fn load_network(
+    family: &NetworkFamily,
+    source: &NetworkSource,
     device: DeviceRequest,
+    n_threads: usize,
     robots: &[Morphology],
 ) -> Result<Box<dyn Policy>, LoadError> {
-    Ok(Box::new(act::GpuActPolicy::load(open(device)?, folder, robots)?))
+    let on_cpu = matches!(device.choice, DeviceChoice::Auto | DeviceChoice::Cpu);
+    if on_cpu || source.precision != Precision::F32 {
+        Ok((family.load)(source, n_threads, robots)?)
+    } else {
+        load_on_gpu(family, source, device, robots)
+    }
 }
 
 #[cfg(feature = "gpu")]
-fn load_pi05_on_gpu(
-    source: &Pi05Source,
+fn load_on_gpu(
+    family: &NetworkFamily,
+    source: &NetworkSource,
     device: DeviceRequest,
     robots: &[Morphology],
 ) -> Result<Box<dyn Policy>, LoadError> {
-    let n_steps = source.n_steps.map(|steps| steps.get() as usize);
-    Ok(Box::new(pi05::GpuPi05Policy::load(open(device)?, &source.folder, n_steps, robots)?))
-}
-
-#[cfg(feature = "gpu")]
-fn open(device: DeviceRequest) -> Result<crate::nn::gpu::GpuDevice, LoadGpuError> {
     let (kind, index) = device.adapter();
-    Ok(crate::nn::gpu::GpuDevice::open_numbered(kind, index)?)
+    let gpu = crate::nn::gpu::GpuDevice::open_numbered(kind, index).map_err(LoadGpuError::from)?;
+    Ok((family.load_on_gpu)(source, gpu, robots)?)
+}
+
+#[cfg(not(feature = "gpu"))]
+fn load_on_gpu(
+    _: &NetworkFamily,
+    _: &NetworkSource,
+    _: DeviceRequest,
+    _: &[Morphology],
+) -> Result<Box<dyn Policy>, LoadError> {
+    Err(DeviceError::NotBuilt.into())
 }
 
 #[cfg(feature = "gpu")]
@@ -156,27 +153,4 @@ impl From<LoadGpuError> for LoadError {
             LoadGpuError::Device(error) => DeviceError::Unusable { reason: error.to_string() }.into(),
         }
     }
-}
-
-#[cfg(not(feature = "gpu"))]
-fn load_act_on_gpu(_: &Path, _: DeviceRequest, _: &[Morphology]) -> Result<Box<dyn Policy>, LoadError> {
-    Err(DeviceError::NotBuilt.into())
-}
-
-#[cfg(not(feature = "gpu"))]
-fn load_pi05_on_gpu(
-    _: &Pi05Source,
-    _: DeviceRequest,
-    _: &[Morphology],
-) -> Result<Box<dyn Policy>, LoadError> {
-    Err(DeviceError::NotBuilt.into())
-}
-
-fn load_pi05(
-    source: &Pi05Source,
-    precision: Precision,
-    robots: &[Morphology],
-) -> Result<Pi05Policy, CheckpointFolderError> {
-    let n_steps = source.n_steps.map(|steps| steps.get() as usize);
-    Pi05Policy::load(&source.folder, precision, n_steps, robots)
 }

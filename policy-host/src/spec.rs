@@ -1,15 +1,18 @@
 //! Policy specifications, as users write them on the command line and in sweep files.
 
 use std::fmt;
-use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// A policy as named on the command line: `idle`, `random`, `expert`, `act:PATH`, `act-int8:PATH`,
-/// `pi05:PATH`, `pi05-int8:PATH` or `attach:NAME`.
+use crate::models::Family;
+use crate::models::family::NetworkSource;
+use crate::nn::Precision;
+
+/// A policy as named on the command line: `idle`, `random`, `expert`, `FAMILY:PATH`, `FAMILY-int8:PATH` or
+/// `attach:NAME`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub enum PolicySpec {
     /// Holds the current position: a floor for success rates.
@@ -18,25 +21,10 @@ pub enum PolicySpec {
     Random,
     /// The scripted expert, which runs inside the sim: a ceiling for success rates.
     Expert,
-    /// An ACT checkpoint folder.
-    Act(PathBuf),
-    /// An ACT checkpoint folder, evaluated mostly with 8-bit integers ([`crate::nn::Precision`]).
-    ActInt8(PathBuf),
-    /// A π0.5 checkpoint folder, with weights as stored.
-    Pi05(Pi05Source),
-    /// A π0.5 checkpoint folder, evaluated mostly with 8-bit integers.
-    Pi05Int8(Pi05Source),
+    /// A network of a family.
+    Network(Family, NetworkSource),
     /// An external policy host with this name.
     Attach(String),
-}
-
-/// A π0.5 checkpoint and its options: `PATH`, or `PATH?steps=N`.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub struct Pi05Source {
-    /// Checkpoint folder.
-    pub folder: PathBuf,
-    /// Number of Euler steps from noise to actions, if not the checkpoint's own.
-    pub n_steps: Option<NonZeroU32>,
 }
 
 /// Errors that can occur while parsing a policy specification.
@@ -46,70 +34,28 @@ pub enum PolicySpecError {
     #[error("unknown policy `{found}`, expected one of {}", known())]
     Unknown { found: String },
     #[error("policy `{kind}` needs {argument} after a colon: {kind}:{argument}")]
-    NoArgument { kind: &'static str, argument: &'static str },
+    NoArgument { kind: String, argument: &'static str },
     #[error("policy `{kind}` takes nothing after it, found `{found}`")]
-    Argument { kind: &'static str, found: String },
-    #[error("policy `{kind}` knows the option `?steps=N` with N from 1 to {MAX_STEPS}, found `?{found}`")]
-    Option { kind: &'static str, found: String },
+    Argument { kind: String, found: String },
+    #[error("policy `{kind}` knows the option `?steps=N` with N from 1 to {max}, found `?{found}`")]
+    Option { kind: String, max: u32, found: String },
 }
 
-/// Maximum number of Euler steps.
-pub(crate) const MAX_STEPS: u32 = 1000;
-
-/// A kind of policy: its name and the parser of its argument.
-struct PolicyKind {
-    name: &'static str,
-    parser: ArgumentParser,
-}
-
-enum ArgumentParser {
-    NoArgument(PolicySpec),
-    Argument { name: &'static str, parse: fn(&str) -> Result<PolicySpec, PolicySpecError> },
-}
-
-/// All kinds, in the order in which help texts list them.
-const KINDS: [PolicyKind; 8] = [
-    PolicyKind { name: "idle", parser: ArgumentParser::NoArgument(PolicySpec::Idle) },
-    PolicyKind { name: "random", parser: ArgumentParser::NoArgument(PolicySpec::Random) },
-    PolicyKind { name: "expert", parser: ArgumentParser::NoArgument(PolicySpec::Expert) },
-    PolicyKind {
-        name: "act",
-        parser: ArgumentParser::Argument {
-            name: "PATH",
-            parse: |path| Ok(PolicySpec::Act(PathBuf::from(path))),
-        },
-    },
-    PolicyKind {
-        name: "act-int8",
-        parser: ArgumentParser::Argument {
-            name: "PATH",
-            parse: |path| Ok(PolicySpec::ActInt8(PathBuf::from(path))),
-        },
-    },
-    PolicyKind {
-        name: "pi05",
-        parser: ArgumentParser::Argument {
-            name: "PATH",
-            parse: |text| pi05_source("pi05", text).map(PolicySpec::Pi05),
-        },
-    },
-    PolicyKind {
-        name: "pi05-int8",
-        parser: ArgumentParser::Argument {
-            name: "PATH",
-            parse: |text| pi05_source("pi05-int8", text).map(PolicySpec::Pi05Int8),
-        },
-    },
-    PolicyKind {
-        name: "attach",
-        parser: ArgumentParser::Argument {
-            name: "NAME",
-            parse: |name| Ok(PolicySpec::Attach(name.to_owned())),
-        },
-    },
-];
+/// The policies that are named by one word.
+const WORDS: [PolicySpec; 3] = [PolicySpec::Idle, PolicySpec::Random, PolicySpec::Expert];
+/// The kind of an external host, and its argument.
+const ATTACH: (&str, &str) = ("attach", "NAME");
+/// The argument of a network.
+const PATH: &str = "PATH";
+/// The option of families that denoise actions in steps.
+const STEPS: &str = "steps=";
 
 impl PolicySpec {
+    /// Returns the network in a checkpoint folder, with the checkpoint's own options.
+    pub fn network(family: Family, precision: Precision, folder: impl Into<PathBuf>) -> Self {
+        Self::Network(family, NetworkSource { folder: folder.into(), precision, n_steps: None })
+    }
+
     /// Returns `true` if a policy-host child process runs this policy.
     #[must_use]
     pub fn hosted(&self) -> bool {
@@ -119,51 +65,48 @@ impl PolicySpec {
     /// Returns `true` if the policy needs images in its observations.
     #[must_use]
     pub fn needs_images(&self) -> bool {
-        !matches!(self, Self::Idle | Self::Random | Self::Expert)
+        matches!(self, Self::Network(..) | Self::Attach(_))
     }
 
     /// Returns the checkpoint folder, if the policy has one.
     #[must_use]
     pub fn checkpoint(&self) -> Option<&Path> {
-        match self {
-            Self::Idle | Self::Random | Self::Expert | Self::Attach(_) => None,
-            Self::Act(folder) | Self::ActInt8(folder) => Some(folder),
-            Self::Pi05(source) | Self::Pi05Int8(source) => Some(&source.folder),
-        }
+        if let Self::Network(_, source) = self { Some(&source.folder) } else { None }
     }
 
     /// Returns the same policy with another checkpoint folder, if it has one.
     #[must_use]
     pub fn with_checkpoint(mut self, path: &Path) -> Self {
-        match &mut self {
-            Self::Idle | Self::Random | Self::Expert | Self::Attach(_) => {}
-            Self::Act(folder) | Self::ActInt8(folder) => path.clone_into(folder),
-            Self::Pi05(source) | Self::Pi05Int8(source) => path.clone_into(&mut source.folder),
+        if let Self::Network(_, source) = &mut self {
+            path.clone_into(&mut source.folder);
         }
         self
     }
 
+    /// Returns the seconds that a batch may take, if it may take unusually long.
+    #[must_use]
+    pub fn answer_timeout_s(&self) -> Option<u32> {
+        if let Self::Network(family, _) = self { family.definition().answer_timeout_s } else { None }
+    }
+
     /// Returns the name of the policy's kind.
     #[must_use]
-    pub fn kind(&self) -> &'static str {
+    pub fn kind(&self) -> String {
         match self {
-            Self::Idle => "idle",
-            Self::Random => "random",
-            Self::Expert => "expert",
-            Self::Act(_) => "act",
-            Self::ActInt8(_) => "act-int8",
-            Self::Pi05(_) => "pi05",
-            Self::Pi05Int8(_) => "pi05-int8",
-            Self::Attach(_) => "attach",
+            Self::Idle => "idle".to_owned(),
+            Self::Random => "random".to_owned(),
+            Self::Expert => "expert".to_owned(),
+            Self::Network(family, source) => network_kind(*family, source.precision),
+            Self::Attach(_) => ATTACH.0.to_owned(),
         }
     }
 
     /// Returns the syntax of every kind, for help texts and errors.
     pub fn forms() -> impl Iterator<Item = String> {
-        KINDS.iter().map(|kind| match kind.parser {
-            ArgumentParser::NoArgument(_) => kind.name.to_owned(),
-            ArgumentParser::Argument { name, .. } => format!("{}:{name}", kind.name),
-        })
+        let words = WORDS.iter().map(Self::kind);
+        let networks = networks().map(|(family, precision)| (network_kind(family, precision), PATH));
+        let with_argument = networks.chain([(ATTACH.0.to_owned(), ATTACH.1)]);
+        words.chain(with_argument.map(|(kind, argument)| format!("{kind}:{argument}")))
     }
 }
 
@@ -172,44 +115,72 @@ impl FromStr for PolicySpec {
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let (name, given) = text.split_once(':').map_or((text, None), |(name, given)| (name, Some(given)));
-        let kind = KINDS.iter().find(|kind| kind.name == name);
-        let kind = kind.ok_or_else(|| PolicySpecError::Unknown { found: text.to_owned() })?;
-        match (&kind.parser, given) {
-            (ArgumentParser::NoArgument(spec), None) => Ok(spec.clone()),
-            (ArgumentParser::NoArgument(_), Some(found)) => {
-                Err(PolicySpecError::Argument { kind: kind.name, found: found.to_owned() })
-            }
-            (ArgumentParser::Argument { name: argument, .. }, None | Some("")) => {
-                Err(PolicySpecError::NoArgument { kind: kind.name, argument })
-            }
-            (ArgumentParser::Argument { parse, .. }, Some(given)) => parse(given),
+        let kind = name.to_owned();
+        if let Some(spec) = WORDS.into_iter().find(|spec| spec.kind() == name) {
+            return match given {
+                None => Ok(spec),
+                Some(found) => Err(PolicySpecError::Argument { kind, found: found.to_owned() }),
+            };
+        }
+        let network = networks().find(|(family, precision)| network_kind(*family, *precision) == name);
+        let argument = match network {
+            Some(_) => PATH,
+            None if name == ATTACH.0 => ATTACH.1,
+            None => return Err(PolicySpecError::Unknown { found: text.to_owned() }),
+        };
+        let given = given.filter(|given| !given.is_empty());
+        let Some(given) = given else { return Err(PolicySpecError::NoArgument { kind, argument }) };
+        match network {
+            None => Ok(Self::Attach(given.to_owned())),
+            Some((family, precision)) => parse_network(family, precision, given),
         }
     }
 }
 
 impl fmt::Display for PolicySpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.kind())?;
         match self {
-            Self::Idle | Self::Random | Self::Expert => f.write_str(self.kind()),
-            Self::Act(path) | Self::ActInt8(path) => write!(f, "{}:{}", self.kind(), path.display()),
-            Self::Pi05(source) | Self::Pi05Int8(source) => {
-                write!(f, "{}:{}", self.kind(), source.folder.display())?;
-                source.n_steps.map_or(Ok(()), |steps| write!(f, "?steps={steps}"))
+            Self::Idle | Self::Random | Self::Expert => Ok(()),
+            Self::Network(_, NetworkSource { folder, n_steps, .. }) => {
+                write!(f, ":{}", folder.display())?;
+                n_steps.map_or(Ok(()), |n_steps| write!(f, "?{STEPS}{n_steps}"))
             }
-            Self::Attach(name) => write!(f, "attach:{name}"),
+            Self::Attach(name) => write!(f, ":{name}"),
         }
     }
 }
 
-/// Parses the argument of a π0.5 policy.
-fn pi05_source(kind: &'static str, text: &str) -> Result<Pi05Source, PolicySpecError> {
-    let Some((folder, option)) = text.rsplit_once('?') else {
-        return Ok(Pi05Source { folder: PathBuf::from(text), n_steps: None });
+/// Returns all families in all precisions.
+fn networks() -> impl Iterator<Item = (Family, Precision)> {
+    Family::ALL.iter().flat_map(|family| family.definition().precisions.iter().map(|it| (*family, *it)))
+}
+
+/// Returns the name of a family in a precision.
+fn network_kind(family: Family, precision: Precision) -> String {
+    let suffix = match precision {
+        Precision::F32 => "",
+        Precision::Int8 => "-int8",
     };
-    let steps = option.strip_prefix("steps=").and_then(|steps| steps.parse::<NonZeroU32>().ok());
-    match steps.filter(|steps| steps.get() <= MAX_STEPS) {
-        Some(steps) => Ok(Pi05Source { folder: PathBuf::from(folder), n_steps: Some(steps) }),
-        None => Err(PolicySpecError::Option { kind, found: option.to_owned() }),
+    format!("{}{suffix}", family.definition().name)
+}
+
+/// Parses the argument of a network: `PATH`, or `PATH?steps=N` if the family has that option.
+fn parse_network(family: Family, precision: Precision, text: &str) -> Result<PolicySpec, PolicySpecError> {
+    let split = family.definition().max_steps.and_then(|max| Some((max, text.rsplit_once('?')?)));
+    let Some((max, (folder, option))) = split else {
+        return Ok(PolicySpec::network(family, precision, text));
+    };
+    let n_steps = option.strip_prefix(STEPS).and_then(|n_steps| n_steps.parse().ok());
+    match n_steps.filter(|n_steps: &std::num::NonZeroU32| n_steps.get() <= max) {
+        Some(_) => {
+            let folder = folder.into();
+            Ok(PolicySpec::Network(family, NetworkSource { folder, precision, n_steps }))
+        }
+        None => {
+            let kind = network_kind(family, precision);
+            Err(PolicySpecError::Option { kind, max, found: option.to_owned() })
+        }
     }
 }
 
@@ -226,7 +197,7 @@ mod tests {
         for form in PolicySpec::forms() {
             let spec: PolicySpec = form.parse().unwrap();
             assert_eq!(spec.to_string(), form);
-            assert!(form.starts_with(spec.kind()));
+            assert!(form.starts_with(&spec.kind()));
         }
         let spec: PolicySpec = "pi05:here?steps=5".parse().unwrap();
         assert_eq!(spec.to_string(), "pi05:here?steps=5");

@@ -11,6 +11,8 @@ mod counting;
 use std::path::PathBuf;
 
 use ipc_types::Morphology;
+use policy_host::models::Family;
+use policy_host::nn::Precision;
 use policy_host::{ActionChunk, PolicySpec, QueryMode, load};
 
 use crate::batch::ObservationBatch;
@@ -20,7 +22,13 @@ use crate::counting::allocations;
 fn query_allocates_nothing_after_warm_up() {
     let folder: PathBuf = [env!("CARGO_MANIFEST_DIR"), "tests/data/act-tiny"].iter().collect();
     for (mode, n_threads) in [(QueryMode::Chunk, 1), (QueryMode::Chunk, 2), (QueryMode::Ensemble, 2)] {
-        let mut policy = load(&PolicySpec::Act(folder.clone()), n_threads, mode, &Morphology::ALL).unwrap();
+        let mut policy = load(
+            &PolicySpec::network(Family::Act, Precision::F32, &folder),
+            n_threads,
+            mode,
+            &Morphology::ALL,
+        )
+        .unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
         let batches = [
             ObservationBatch::of(Morphology::Single, &[0]).executing(2),

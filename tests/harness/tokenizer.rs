@@ -2,7 +2,8 @@
 
 use std::sync::LazyLock;
 
-use policy_host::pi05::prompt::{Prompter, TOKENIZER_FILE, prompt};
+use policy_host::models::pi05::processor::prompt;
+use policy_host::text::paligemma::{PaliGemmaTokenizer, TOKENIZER_FILE};
 use run_config::error_chain;
 
 use super::edits::Edits;
@@ -27,11 +28,11 @@ pub fn run(data: &[u8]) -> bool {
     let mut model = MODEL.clone();
     edits.bytes(&mut model);
     std::fs::write(&path, model).unwrap();
-    let prompter = match Prompter::load(folder.path(), VOCABULARY, MAX_TOKENS) {
-        Ok(prompter) => prompter,
+    let tokenizer = match PaliGemmaTokenizer::load(folder.path(), VOCABULARY, MAX_TOKENS) {
+        Ok(tokenizer) => tokenizer,
         Err(error) => return refused(&error_chain(&error), &path),
     };
-    match prompter.tokens(&prompt(&instruction, &[0.5, f32::NAN, -3.0])) {
+    match tokenizer.tokens(&prompt(&instruction, &[0.5, f32::NAN, -3.0])) {
         Ok(tokens) => {
             assert!((1..=MAX_TOKENS).contains(&tokens.len()));
             assert!(tokens.iter().all(|token| (*token as usize) < VOCABULARY), "{tokens:?}");

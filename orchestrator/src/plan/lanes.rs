@@ -13,9 +13,6 @@ use crate::selection::policy::NamedPolicy;
 /// Observation batches that may be unanswered on a lane, so that stepping and inference overlap.
 const IN_FLIGHT: u32 = 2;
 
-/// Seconds that π0.5 may take for a batch: on a CPU, a query at full size takes up to half a minute.
-const PI05_ANSWER_TIMEOUT_S: u32 = 3600;
-
 /// A policy outside the sim and its lane.
 #[derive(Clone, Debug)]
 pub(crate) struct PolicyLane {
@@ -42,10 +39,7 @@ pub(crate) fn lanes(plan: &RunPlan, batch: u32) -> Vec<PolicyLane> {
             in_flight: IN_FLIGHT,
         };
         let foreign = matches!(policy.spec, PolicySpec::Attach(_));
-        let answer_timeout_s = match policy.spec {
-            PolicySpec::Pi05(_) | PolicySpec::Pi05Int8(_) => PI05_ANSWER_TIMEOUT_S,
-            _ => Lane::ANSWER_TIMEOUT_S,
-        };
+        let answer_timeout_s = policy.spec.answer_timeout_s().unwrap_or(Lane::ANSWER_TIMEOUT_S);
         let lane = Lane { spec, images, foreign, answer_timeout_s, execute: execution.execute };
         Some(PolicyLane { spec: policy.spec.clone(), execution, checkpoint: None, lane })
     };

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use policy_host::checkpoint::{CheckpointFolderError, resolve};
-use policy_host::content::{CheckpointContent, ReadContentError};
 use policy_host::device::supports_gpu;
+use policy_host::formats::content::{CheckpointContent, ReadContentError};
+use policy_host::formats::{CheckpointFolderError, resolve};
 use policy_host::{PolicySpec, PolicySpecError};
 use run_config::{Execution, QueryMode};
 use serde::{Deserialize, Serialize};
@@ -68,7 +68,7 @@ impl FromStr for NamedPolicy {
             PolicySpecError::Unknown { .. } => PolicyArgError::Unknown(unknown_kind(text)),
             other => PolicyArgError::Spec(other),
         })?;
-        let name = name.unwrap_or(spec.kind()).to_owned();
+        let name = name.map_or_else(|| spec.kind(), str::to_owned);
         // Both kinds of names become file names.
         if let PolicySpec::Attach(foreign) = &spec
             && !is_plain(foreign)
@@ -185,6 +185,9 @@ fn unknown_kind(text: &str) -> UnknownName {
 
 #[cfg(test)]
 mod tests {
+    use policy_host::models::Family;
+    use policy_host::nn::Precision;
+
     use super::*;
 
     fn parse(typed: &str) -> (String, String) {
@@ -210,7 +213,7 @@ mod tests {
             std::fs::write(sub.join("config.json"), "{}").unwrap();
             std::fs::write(sub.join("model.safetensors"), weights).unwrap();
             std::fs::write(sub.join("notes.md"), name).unwrap();
-            let spec = PolicySpec::Act(folder.path().join(name));
+            let spec = PolicySpec::network(Family::Act, Precision::F32, folder.path().join(name));
             NamedPolicy { name: "mine".to_owned(), spec }.identity(None, Execution::chunk(30)).unwrap()
         };
         let (first, moved, trained) = (write("first", b"w1"), write("moved", b"w1"), write("trained", b"w2"));

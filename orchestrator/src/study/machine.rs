@@ -1,6 +1,6 @@
 //! The machine that a run is executed on, as results name it.
 
-use policy_host::nn::peak::try_peak_gflop_per_s;
+use policy_host::nn::gemm::peak::try_peak_gflop_per_s;
 use run_config::allotment::n_cores;
 use serde::Serialize;
 

@@ -1,7 +1,7 @@
 //! Scaled dot-product attention with several heads, over projected queries, keys and values.
 
+use super::gemm::matmul::{Accum, matmul, view, view_mut};
 use super::isa::multiversion;
-use super::matmul::{Accum, matmul, view, view_mut};
 use super::norm::{LANES, sum};
 
 /// Projected queries, keys and values, each `[t, d]` with the heads side by side. The queries are already

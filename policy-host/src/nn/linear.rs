@@ -1,9 +1,9 @@
 //! Linear layers, `y = x · Wᵀ + b` with PyTorch's weight layout.
 
 use super::Precision;
-use super::matmul::Accum;
-use super::packed::PackedWeights;
-use super::quantised::{QUAD, QuantisedWeights, Segments, quantise_signed};
+use super::gemm::matmul::Accum;
+use super::gemm::packed::PackedWeights;
+use super::gemm::quantised::{QUAD, QuantisedWeights, Segments, quantise_signed};
 
 /// Number of input values that are quantised together.
 const QUANTISED_BLOCK_LEN: usize = 48 << 10;

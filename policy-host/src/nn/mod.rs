@@ -12,28 +12,21 @@
 
 pub mod attention;
 pub mod conv;
-pub mod feature_map;
 pub mod gelu;
+pub mod gemm;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod linear;
-pub mod matmul;
 pub mod norm;
-pub mod packed;
-pub mod peak;
-pub mod pool;
 pub mod projection;
 pub mod rotary;
 
 mod isa;
-mod quantised;
-mod shared;
-mod stored;
-mod tile;
-mod winograd;
+
+use serde::{Deserialize, Serialize};
 
 /// Numeric precision of a layer's weights and products.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Precision {
     /// 32-bit floating point.
     #[default]

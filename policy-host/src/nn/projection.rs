@@ -4,10 +4,10 @@
 use rayon::prelude::*;
 
 use super::Precision;
-use super::matmul::Accum;
-use super::quantised::{QUAD, QuantisedRows, QuantisedWeights, Segments, quantise_signed};
-use super::shared::SharedOutput;
-use super::stored::StoredWeights;
+use super::gemm::matmul::Accum;
+use super::gemm::quantised::{QUAD, QuantisedRows, QuantisedWeights, Segments, quantise_signed};
+use super::gemm::shared::SharedOutput;
+use super::gemm::stored::StoredWeights;
 use crate::weights::StoredTensor;
 
 /// Minimum number of output features for 8-bit weights.

@@ -1,4 +1,4 @@
-//! Rotary position embedding (Su et al., RoFormer, 2021): queries and keys are turned by angles proportional
+//! Rotary position embedding (Su et al., RoFormer, 2021): queries and keys are rotated by angles proportional
 //! to their position, so that their products depend on distances.
 
 /// Sines and cosines of all angles up to a number of positions.
@@ -12,7 +12,7 @@ pub struct Rotary {
 }
 
 impl Rotary {
-    /// Base of the angular frequencies in Gemma: entry `i` turns by `BASE^(−2i / head_width)` per position.
+    /// Base of the angular frequencies in Gemma: entry `i` rotates by `BASE^(−2i / head_width)` per position.
     pub const BASE: f32 = 10_000.0;
 
     /// Computes the angles of `n_positions` positions for heads of this width.
@@ -42,12 +42,12 @@ impl Rotary {
         self.cosines.iter().zip(&self.sines).map(|(cos, sin)| [*cos, *sin]).collect()
     }
 
-    /// Turns every head of `row [heads, head_width]`, a query or key at `position`, in place. Entry `i` of
+    /// Rotates every head of `row [heads, head_width]`, a query or key at `position`, in place. Entry `i` of
     /// the first half of a head and entry `i` of the second half are the two coordinates of a point.
     ///
     /// # Panics
     /// If the position is out of range.
-    pub fn turn(&self, row: &mut [f32], position: usize) {
+    pub fn apply(&self, row: &mut [f32], position: usize) {
         let half = self.head_width / 2;
         let cosines = &self.cosines[position * half..][..half];
         let sines = &self.sines[position * half..][..half];
@@ -70,8 +70,8 @@ mod tests {
         let product = |from: usize, to: usize| {
             let mut query = [0.3, -1.2, 0.7, 0.1, 0.9, 0.4, -0.6, 1.1];
             let mut key = [0.5, 0.2, -0.4, 1.3, -0.8, 0.6, 0.1, -0.2];
-            rotary.turn(&mut query, from);
-            rotary.turn(&mut key, to);
+            rotary.apply(&mut query, from);
+            rotary.apply(&mut key, to);
             query.iter().zip(key).map(|(a, b)| a * b).sum::<f32>()
         };
         assert!((product(3, 10) - product(50, 57)).abs() < 1e-5);

@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use super::protocol::HostConfig;
 use crate::PolicySpec;
-use crate::content::CheckpointContent;
+use crate::formats::content::CheckpointContent;
 
 /// A checkpoint whose content is the one that the run started with.
 #[derive(Debug)]
@@ -39,7 +39,8 @@ impl CheckpointGuard {
         };
         let content = CheckpointContent::read(folder).ok().filter(|content| content.hash() == *expected);
         let content = content.ok_or_else(|| CheckpointChangedError::new(folder, expected, None))?;
-        let is_mapped = matches!(config.spec, PolicySpec::Pi05(_) | PolicySpec::Pi05Int8(_));
+        let is_mapped =
+            matches!(config.spec, PolicySpec::Network(family, _) if family.definition().maps_weights);
         Ok(Some(Self { content, is_mapped }))
     }
 

@@ -19,7 +19,7 @@ pub struct HostConfig {
     pub lane: LaneSpec,
     /// Policy to load.
     pub spec: PolicySpec,
-    /// Hash of the checkpoint at the start of the run ([`crate::content`]), if the policy has one. The host
+    /// Hash of the checkpoint at the start of the run ([`crate::formats::content`]), if the policy has one. The host
     /// answers with no other content.
     pub checkpoint: Option<String>,
     /// Robots of the run's tasks.

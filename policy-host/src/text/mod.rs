@@ -1,9 +1,10 @@
-//! Language encoders: they map an instruction to its embedding.
+//! Text: language encoders, which map an instruction to its embedding, and the vocabulary of π0.5.
 //!
 //! A network only works with the encoder it was trained with; its checkpoint names that encoder.
 
 pub mod clip;
 pub mod hashed;
+pub mod paligemma;
 
 use std::path::{Path, PathBuf};
 

@@ -254,7 +254,7 @@ impl Shard {
         let handle = input::open(path).map_err(read)?;
         // SAFETY: the map is read-only, and values are converted from bytes, of which every pattern is valid.
         // A process that truncates the file while a policy runs ends that policy's host; whoever modifies it
-        // otherwise, the host notices before it answers ([`crate::content`]).
+        // otherwise, the host notices before it answers ([`crate::formats::content`]).
         let map = unsafe { Mmap::map(&handle) }.map_err(read)?;
         Ok(Self { file, map: Arc::new(map) })
     }

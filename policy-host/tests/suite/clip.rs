@@ -5,8 +5,8 @@ use std::fs;
 use std::path::Path;
 
 use ipc_types::{ControlMode, Morphology};
-use policy_host::checkpoint::colosseum::ActConfig;
-use policy_host::synthetic::{tensor, write_checkpoint};
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
+use policy_host::models::synthetic::{tensor, write_checkpoint};
 use policy_host::text::LanguageConfig;
 use policy_host::text::clip::{ClipText, ClipTokenizer, TowerShape, WeightsFingerprint};
 use policy_host::weights::TensorSpec;
@@ -17,7 +17,7 @@ use serde::Deserialize;
 use tempfile::TempDir;
 
 use crate::batch::ObservationBatch;
-use crate::data;
+use crate::{act_spec, data};
 
 /// Maximum absolute difference of an embedding entry.
 const TOLERANCE: f32 = 1e-4;
@@ -125,7 +125,7 @@ fn checkpoint(fingerprint: u64, edit: impl FnOnce(&mut Vec<F32Tensor>)) -> TempD
 }
 
 fn spec(folder: &TempDir) -> PolicySpec {
-    PolicySpec::Act(folder.path().to_owned())
+    act_spec(folder.path().to_owned())
 }
 
 /// Asserts that `check` and `load` return the same error and that it contains `parts`.

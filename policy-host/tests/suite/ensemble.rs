@@ -1,8 +1,8 @@
 //! Temporal ensembling against its definition: store every prediction, sum once per control step.
 
 use ipc_types::{Morphology, ObservationView};
-use policy_host::ensemble::Ensemble;
 use policy_host::generated::sym;
+use policy_host::policy::ensemble::Ensemble;
 use policy_host::{ActionChunk, Policy, PolicyError};
 
 use crate::batch::ObservationBatch;

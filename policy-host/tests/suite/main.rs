@@ -2,20 +2,12 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod act;
 mod batch;
-mod checkpoint;
 mod clip;
 mod ensemble;
-mod folders;
 #[cfg(feature = "gpu")]
 mod gpu;
-#[cfg(feature = "gpu")]
-mod gpu_kernels;
-#[cfg(feature = "gpu")]
-mod gpu_sequences;
-mod independence;
-mod lerobot;
-mod parity;
 mod pi05;
 mod serve;
 mod variants;
@@ -24,12 +16,20 @@ mod weightless;
 use std::path::{Path, PathBuf};
 
 use ipc_types::ActionBlock;
+use policy_host::PolicySpec;
+use policy_host::models::Family;
+use policy_host::nn::Precision;
 
 /// Returns the path of a file or folder of the committed test data.
 fn data(name: &str) -> PathBuf {
     // Packed tests run where the sources are not.
     let package = std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
     Path::new(&package).join("tests/data").join(name)
+}
+
+/// Returns the policy of the ACT checkpoint in a folder.
+fn act_spec(folder: impl Into<PathBuf>) -> PolicySpec {
+    PolicySpec::network(Family::Act, Precision::F32, folder)
 }
 
 /// Returns the rows `[n_rows, action_dim]` of an action block.

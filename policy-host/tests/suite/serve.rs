@@ -11,7 +11,7 @@ use policy_host::{PolicySpec, QueryMode};
 use run_config::{Amount, Execution, RunConfig};
 
 use crate::batch::ObservationBatch;
-use crate::{data, rows};
+use crate::{act_spec, data, rows};
 
 /// Timeout of every wait.
 const TIMEOUT: Duration = Duration::from_secs(60);
@@ -108,7 +108,7 @@ impl HostFixture {
 
 #[test]
 fn host_survives_bad_messages_and_exits_with_input() {
-    let mut fixture = HostFixture::new(PolicySpec::Act(data("act-tiny")), 0);
+    let mut fixture = HostFixture::new(act_spec(data("act-tiny")), 0);
     assert!(matches!(fixture.event(), HostEvent::Ready { load_ms } if load_ms > 0.0));
     let batch = ObservationBatch::of(Morphology::Single, &[0, 1]);
     let header = ObservationHeader { run: RUN, sequence: 5, epoch: 3, ..batch.header };
@@ -118,7 +118,7 @@ fn host_survives_bad_messages_and_exits_with_input() {
     assert_eq!((answer.header().run, answer.header().sequence, answer.header().epoch), (RUN, 5, 3));
     assert_eq!(answer.header().status, 0);
     let mut policy =
-        policy_host::load(&PolicySpec::Act(data("act-tiny")), 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
+        policy_host::load(&act_spec(data("act-tiny")), 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
     let view = ActionView::new(*answer.header(), answer.pages()).unwrap();
     for (block, expected) in view.blocks().iter().zip(batch.answer(&mut *policy)) {
         assert_eq!((block.slot, rows(block)), (expected.slot, rows(&expected)));
@@ -149,7 +149,7 @@ fn host_survives_bad_messages_and_exits_with_input() {
 #[test]
 fn overwritten_observations_are_refused() {
     let mut fixture =
-        HostFixture::with(PolicySpec::Act(data("act-tiny")), 2, |run| run.resources.check_frames = true);
+        HostFixture::with(act_spec(data("act-tiny")), 2, |run| run.resources.check_frames = true);
     assert!(matches!(fixture.event(), HostEvent::Ready { .. }));
     let mut batch = ObservationBatch::of(Morphology::Single, &[0, 1]);
     let header = ObservationHeader { run: RUN, sequence: 5, epoch: 3, ..batch.header };
@@ -199,7 +199,7 @@ fn device_holds_two_observations() {
         return;
     }
     let started = Instant::now();
-    let mut fixture = HostFixture::with(PolicySpec::Act(data("act-tiny")), 3, |run| {
+    let mut fixture = HostFixture::with(act_spec(data("act-tiny")), 3, |run| {
         run.inference.policy_device = DeviceChoice::Software;
         run.resources.check_frames = true;
     });

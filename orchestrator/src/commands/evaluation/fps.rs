@@ -7,8 +7,11 @@ use anyhow::Context;
 use clap::{Args, value_parser};
 use ipc_types::Morphology;
 use ipc_types::layout::MAX_HORIZON;
-use policy_host::checkpoint::colosseum::ActConfig;
-use policy_host::{PolicySpec, synthetic};
+use policy_host::PolicySpec;
+use policy_host::models::Family;
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
+use policy_host::models::synthetic;
+use policy_host::nn::Precision;
 use run_config::{Amount, ImageOptions, InferenceOptions, MAX_ENVS, QueryMode, RunConfig};
 use serde_json::json;
 use sim::TaskId;
@@ -185,7 +188,10 @@ fn default_policies(args: &FpsArgs) -> Result<Vec<NamedPolicy>, Failure> {
         std::fs::rename(&partial, &folder).with_context(failed).or_user()?;
     }
     let idle = NamedPolicy { name: "idle".to_owned(), spec: PolicySpec::Idle };
-    let act = NamedPolicy { name: "act".to_owned(), spec: PolicySpec::Act(folder) };
+    let act = NamedPolicy {
+        name: "act".to_owned(),
+        spec: PolicySpec::network(Family::Act, Precision::F32, folder),
+    };
     Ok(vec![idle, act])
 }
 

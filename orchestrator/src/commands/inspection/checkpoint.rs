@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use ipc_types::Morphology;
-use policy_host::checkpoint::colosseum::ActConfig;
-use policy_host::pi05::architecture::Pi05Architecture;
-use policy_host::synthetic;
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
+use policy_host::models::pi05::architecture::Pi05Architecture;
+use policy_host::models::synthetic;
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::output::print_message;

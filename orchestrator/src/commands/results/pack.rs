@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
 use clap::Args;
-use policy_host::content::CheckpointContent;
+use policy_host::formats::content::CheckpointContent;
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::output::print_message;

@@ -8,12 +8,12 @@ mod vocabulary;
 use std::path::{Path, PathBuf};
 
 use ipc_types::Morphology;
-use policy_host::act::architecture::ImageSize;
-use policy_host::checkpoint::pi05::{Pi05Checkpoint, Pi05Description};
+use policy_host::formats::mapping::PromptState;
+use policy_host::models::pi05::checkpoint::{Pi05Checkpoint, Pi05Description};
+use policy_host::models::pi05::image::resize_with_pad;
+use policy_host::models::pi05::model::{Pi05Input, Pi05Trace, SampleTokens};
+use policy_host::models::pi05::processor::prompt;
 use policy_host::nn::Precision;
-use policy_host::pi05::image::resize_with_pad;
-use policy_host::pi05::model::{Pi05Input, Pi05Trace, SampleTokens};
-use policy_host::pi05::prompt::{PromptState, prompt};
 use policy_host::{PolicySpec, QueryMode, load};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
@@ -76,18 +76,14 @@ impl Case {
     }
 
     /// Returns the recorded images of a camera, as `[h, w, 3]` with their sizes.
-    fn images(&self, camera: &str) -> Vec<(Vec<u8>, ImageSize)> {
+    fn images(&self, camera: &str) -> Vec<(Vec<u8>, [usize; 2])> {
         let tensors = self.tensors();
         let tensor = tensors.tensor(&format!("in.observation.images.{camera}")).unwrap();
         let &[_, 3, height, width] = tensor.shape() else { panic!("{camera}: {:?}", tensor.shape()) };
         let n_pixels = height * width;
         let image =
             |planes: &[u8]| (0..3 * n_pixels).map(|idx| planes[idx % 3 * n_pixels + idx / 3]).collect();
-        tensor
-            .data()
-            .chunks_exact(3 * n_pixels)
-            .map(|planes| (image(planes), ImageSize { height, width }))
-            .collect()
+        tensor.data().chunks_exact(3 * n_pixels).map(|planes| (image(planes), [height, width])).collect()
     }
 }
 
@@ -99,7 +95,7 @@ fn max_error(found: &[f32], expected: &[f32]) -> f32 {
 /// Images and states of all samples of a case: recorded, or generated observations of the robot.
 struct Inputs {
     /// Images of each sample, in the network's order.
-    images: Vec<Vec<(Vec<u8>, ImageSize)>>,
+    images: Vec<Vec<(Vec<u8>, [usize; 2])>>,
     /// State of each sample, as the network takes it.
     states: Vec<Vec<f32>>,
 }
@@ -120,7 +116,7 @@ fn generated_inputs(checkpoint: &Pi05Checkpoint, n: usize) -> Inputs {
     let view = batch.view();
     let image = |env: usize, camera: usize| {
         let (pixels, side) = view.env(env).image(camera);
-        (pixels.to_vec(), ImageSize { height: side, width: side })
+        (pixels.to_vec(), [side; 2])
     };
     Inputs {
         images: (0..n)
@@ -162,7 +158,7 @@ fn prepare(
     cameras: Option<&[&str]>,
     range: std::ops::Range<usize>,
 ) -> PreparedBatch {
-    let (description, prompter) = (checkpoint.description(), checkpoint.prompter().unwrap());
+    let (description, tokenizer) = (checkpoint.description(), checkpoint.tokenizer().unwrap());
     let side = description.architecture.image_side();
     let inputs = match cameras {
         Some(cameras) => recorded_inputs(case, cameras),
@@ -182,7 +178,7 @@ fn prepare(
         if description.prompt_state == PromptState::Padded {
             state.resize(description.max_state_dim, 0.0);
         }
-        let prompt = prompter.tokens(&prompt(&case.instructions[sample], &state)).unwrap();
+        let prompt = tokenizer.tokens(&prompt(&case.instructions[sample], &state)).unwrap();
         samples.push(SampleTokens { images: indices, prompt });
     }
     let noise = case.values("noise");

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use ipc_types::Morphology;
-use policy_host::pi05::prompt::Prompter;
-use policy_host::spec::Pi05Source;
+use policy_host::models::Family;
+use policy_host::nn::Precision;
+use policy_host::text::paligemma::PaliGemmaTokenizer;
 use policy_host::{PolicySpec, long_prompts};
 
 use super::copy_of;
@@ -14,7 +15,7 @@ use crate::data;
 const VOCABULARY: usize = 512;
 
 fn tokens(folder: &Path, text: &str) -> Vec<u32> {
-    Prompter::load(folder, VOCABULARY, 1000).unwrap().tokens(text).unwrap()
+    PaliGemmaTokenizer::load(folder, VOCABULARY, 1000).unwrap().tokens(text).unwrap()
 }
 
 #[test]
@@ -25,14 +26,14 @@ fn both_formats_give_the_same_tokens() {
         assert_eq!(tokens(folder.path(), text), tokens(&data("pi05/robot"), text), "{text}");
     }
     std::fs::write(folder.path().join("tokenizer.json"), "{}").unwrap();
-    let error = Prompter::load(folder.path(), VOCABULARY, 10).unwrap_err().to_string();
+    let error = PaliGemmaTokenizer::load(folder.path(), VOCABULARY, 10).unwrap_err().to_string();
     assert!(error.contains("tokenizer.json") && error.lines().count() == 1, "{error}");
 }
 
 #[test]
 fn prompts_that_are_cut_off_are_counted() {
     let folder = copy_of("robot");
-    let spec = PolicySpec::Pi05(Pi05Source { folder: folder.path().to_owned(), n_steps: None });
+    let spec = PolicySpec::network(Family::Pi05, Precision::F32, folder.path());
     let instruction = |text: &str| (Morphology::Single, text.to_owned());
     let short = [instruction("raise the cube"), (Morphology::Bimanual, "x".repeat(500))];
     assert_eq!(long_prompts(&spec, &short).unwrap(), [""; 0]);

@@ -8,7 +8,8 @@ use std::path::PathBuf;
 use anyhow::{Context, anyhow, ensure};
 use clap::Args;
 use policy_host::PolicySpec;
-use policy_host::device::{self, DeviceRequest};
+use policy_host::device;
+use policy_host::device::DeviceRequest;
 use run_config::{
     Amount, DeviceChoice, Execution, ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions,
     RunConfig, Samples,

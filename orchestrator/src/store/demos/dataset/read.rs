@@ -42,7 +42,7 @@ impl StoredDataset {
                 let task = parse_task(&record.task)?;
                 locations.push((file, group_idx));
                 episodes.push(StoredEpisode {
-                    policy: PolicySpec::Expert.kind().to_owned(),
+                    policy: PolicySpec::Expert.kind(),
                     subject: EpisodeSpec { task, perturbation, strength, profile },
                     index: record.index,
                     seed: episode_seed(seed, task.name(), record.index),

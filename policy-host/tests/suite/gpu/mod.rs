@@ -1,0 +1,186 @@
+//! ACT on a software Vulkan driver: the same outputs as PyTorch's, and the same bits in every batch.
+//!
+//! Without such a driver the tests print a message and pass, unless the environment variable
+//! `HYPOGEUM_REQUIRE_VULKAN` is 1.
+
+pub(crate) mod kernels;
+mod sequences;
+
+use std::path::Path;
+
+use ipc_types::Morphology;
+use policy_host::models::act::GpuActPolicy;
+use policy_host::models::act::checkpoint::colosseum::ActConfig;
+use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, GpuDevice, GpuError};
+use policy_host::policy::ensemble::Ensemble;
+use policy_host::policy::{ActionChunk, Policy, PolicyPipeline};
+use run_config::DeviceChoice;
+
+use policy_host::models::synthetic::write_checkpoint;
+
+use crate::act::lerobot::assert_actions_agree;
+use crate::act::parity::assert_parity;
+use crate::batch::ObservationBatch;
+use crate::{data, rows};
+
+/// Loads the tiny checkpoint on a software driver, if there is one.
+pub(crate) fn policy() -> Option<GpuActPolicy> {
+    load(&data("act-tiny"), &Morphology::ALL)
+}
+
+fn load(folder: &Path, robots: &[Morphology]) -> Option<GpuActPolicy> {
+    Some(GpuActPolicy::load(device()?, folder, robots).unwrap())
+}
+
+/// Opens the device of the tests: a software driver, unless the environment variable `HYPOGEUM_TEST_DEVICE`
+/// is `gpu`. Returns `None` if there is no such device and none is required.
+#[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
+pub(crate) fn device() -> Option<GpuDevice> {
+    let kind = match device_choice() {
+        DeviceChoice::Gpu => DeviceKind::Hardware,
+        _ => DeviceKind::Software,
+    };
+    match GpuDevice::open(kind) {
+        Ok(gpu) => Some(gpu),
+        Err(error @ GpuError::NoAdapter { .. }) => {
+            assert!(!is("HYPOGEUM_REQUIRE_VULKAN", "1"), "HYPOGEUM_REQUIRE_VULKAN is set, but {error}");
+            eprintln!("skipped: {error}");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// Returns the choice of [`device`].
+pub(crate) fn device_choice() -> DeviceChoice {
+    if is("HYPOGEUM_TEST_DEVICE", "gpu") { DeviceChoice::Gpu } else { DeviceChoice::Software }
+}
+
+fn is(name: &str, value: &str) -> bool {
+    std::env::var(name).is_ok_and(|found| found == value)
+}
+
+fn bits(rows: &[f32]) -> Vec<u32> {
+    rows.iter().map(|x| x.to_bits()).collect()
+}
+
+#[test]
+fn device_agrees_with_pytorch() {
+    let Some(mut policy) = policy() else { return };
+    for morphology in Morphology::ALL {
+        let reference = format!("act-tiny/{}/reference.safetensors", morphology.name());
+        assert_parity(&mut policy, morphology, &reference);
+    }
+}
+
+#[test]
+fn full_size_network_on_device_agrees_with_pytorch() {
+    let morphology = Morphology::Single;
+    let folder = tempfile::tempdir().unwrap();
+    write_checkpoint(folder.path(), &ActConfig::full_size(morphology), 0).unwrap();
+    let Some(mut policy) = load(folder.path(), &[morphology]) else { return };
+    assert_parity(&mut policy, morphology, &format!("act-full-{}.safetensors", morphology.name()));
+}
+
+#[test]
+fn device_agrees_with_lerobot() {
+    let Some(mut policy) = load(&data("lerobot/robot"), &Morphology::ALL) else { return };
+    assert_actions_agree(&mut policy);
+}
+
+/// The batch of 33 exceeds what the device computes at a time.
+#[test]
+fn actions_on_device_are_independent_of_batch() {
+    let Some(mut policy) = policy() else { return };
+    let many: Vec<u32> = (0..33).rev().collect();
+    let answer = |envs: &[u32], policy: &mut GpuActPolicy| -> Vec<Vec<u32>> {
+        let blocks = ObservationBatch::of(Morphology::Single, envs).answer(policy);
+        blocks.iter().map(|block| bits(rows(block))).collect()
+    };
+    let all = answer(&many, &mut policy);
+    assert_ne!(all[0], all[2], "other observations, other actions");
+    for envs in [&many[9..12], &[31], &[0]] {
+        for (env, bits) in envs.iter().zip(answer(envs, &mut policy)) {
+            assert_eq!(bits, all[32 - *env as usize], "env {env} of {envs:?}");
+        }
+    }
+}
+
+#[test]
+fn fewer_executed_rows_are_the_first_ones() {
+    let Some(mut policy) = policy() else { return };
+    let batch = |n_rows| ObservationBatch::of(Morphology::Single, &[1, 2]).executing(n_rows);
+    let (whole, few) = (batch(30).answer(&mut policy), batch(4).answer(&mut policy));
+    for (whole, few) in whole.iter().zip(&few) {
+        assert_eq!((whole.n_rows, few.n_rows), (30, 4));
+        assert_eq!(bits(rows(few)), bits(&rows(whole)[..rows(few).len()]));
+    }
+}
+
+#[test]
+fn batches_in_flight_are_answered_in_order() {
+    let Some(policy) = policy() else { return };
+    let chunks = |n: usize| vec![ActionChunk::default(); n];
+    let batches = [&[0, 1, 2][..], &[3], &[4, 5]].map(|envs| ObservationBatch::of(Morphology::Single, envs));
+    let mut policy = Ensemble::new(Box::new(policy));
+    let expected = batches.each_ref().map(|batch| {
+        let mut answer = chunks(batch.view().n_envs());
+        policy.act(&batch.view(), &mut answer).unwrap();
+        answer
+    });
+    let pipeline: &mut dyn PolicyPipeline = policy.pipeline().expect("the device computes in the background");
+    for batch in &batches {
+        pipeline.submit(&batch.view()).unwrap();
+    }
+    for (index, (batch, expected)) in batches.iter().zip(&expected).enumerate() {
+        if index == 1 {
+            pipeline.discard().unwrap();
+            continue;
+        }
+        let mut answer = chunks(expected.len());
+        pipeline.collect(&batch.view(), &mut answer).unwrap();
+        for (found, expected) in answer.iter().zip(expected) {
+            assert_eq!(bits(found.rows()), bits(expected.rows()), "batch {index}");
+        }
+    }
+    assert!(pipeline.is_ready(), "nothing waits for a batch that is not there");
+}
+
+/// Runs [`allocate_beyond_the_limit`] in a process of its own, whose address space is limited.
+#[test]
+fn device_out_of_memory_is_an_error() {
+    if device_choice() != DeviceChoice::Software || device().is_none() {
+        return;
+    }
+    let mut child = std::process::Command::new(std::env::current_exe().unwrap());
+    child.args(["--exact", "gpu::allocate_beyond_the_limit", "--ignored", "--nocapture"]);
+    let output = child.output().unwrap();
+    let text =
+        [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
+    assert!(output.status.success() && text.contains("1 passed"), "{}: {text}", output.status);
+}
+
+#[test]
+#[ignore = "limits its process; another test runs it"]
+fn allocate_beyond_the_limit() {
+    const MIB: usize = 1 << 20;
+    let gpu = GpuDevice::open(DeviceKind::Software).unwrap();
+    gpu.finish_uploads().unwrap();
+    let n_pages: u64 =
+        std::fs::read_to_string("/proc/self/statm").unwrap().split(' ').next().unwrap().parse().unwrap();
+    let limit = n_pages * rustix::param::page_size() as u64 + 256 * MIB as u64;
+    let limit = rustix::process::Rlimit { current: Some(limit), maximum: Some(limit) };
+    rustix::process::setrlimit(rustix::process::Resource::As, limit).unwrap();
+    let mut buffers = Vec::new();
+    let error = loop {
+        assert!(buffers.len() < 20, "no error after {} MiB", 32 * buffers.len());
+        buffers.push(DeviceBuffer::zeroed(&gpu, "buffer", 8 * MIB));
+        if let Err(error) = gpu.finish_uploads() {
+            break error.to_string();
+        }
+    };
+    assert!(error.contains("out of memory; this process holds "), "{error}");
+    // The device stays failed.
+    drop(buffers);
+    assert_eq!(gpu.finish_uploads().unwrap_err().to_string().split(';').next(), error.split(';').next());
+}
