@@ -10,7 +10,7 @@ use benches::{BenchDevice, Report, median};
 use ipc_types::{Morphology, ObservationView};
 use policy_host::act::GpuActPolicy;
 use policy_host::checkpoint::colosseum::ActConfig;
-use policy_host::nn::gpu::DeviceKind;
+use policy_host::nn::gpu::AdapterKind;
 use policy_host::{Policy, synthetic};
 
 use super::Batch;
@@ -32,7 +32,7 @@ pub(crate) fn measure(device: BenchDevice, report: &mut Report) -> Result<()> {
     // Commas would split the CSV field.
     let note = gpu.name().replace(',', ";");
     println!("{note}");
-    let is_software = device.kind == Some(DeviceKind::Software);
+    let is_software = device.kind == Some(AdapterKind::Software);
     for morphology in Morphology::ALL {
         let (size, config) = match is_software {
             false => ("full", ActConfig::full_size(morphology)),

@@ -141,7 +141,7 @@ fn load_pi05_on_gpu(
 #[cfg(feature = "gpu")]
 fn open(device: DeviceRequest) -> Result<crate::nn::gpu::GpuDevice, LoadGpuError> {
     let (kind, index) = device.adapter();
-    Ok(crate::nn::gpu::GpuDevice::open_numbered(kind, index)?)
+    Ok(crate::nn::gpu::open(kind, index)?)
 }
 
 #[cfg(feature = "gpu")]

@@ -2,8 +2,8 @@
 //!
 //! Letters in shapes: `n` samples, `t` rows of a sample, `k` inputs, `d` model width, `c` channels.
 
-use super::buffer::DeviceBuffer;
-use super::device::GpuDevice;
+use gpu::{DeviceBuffer, GpuDevice};
+
 use super::kernel::{Dispatch, KernelCache, KernelSource};
 pub use super::weights::DeviceWeights;
 use crate::nn::conv::ConvGeometry;

@@ -1,7 +1,7 @@
 //! Matrices of products in device memory: in f32, or in 16 bits as a checkpoint stores them.
 
-use super::buffer::DeviceBuffer;
-use super::device::{GpuDevice, GpuError};
+use gpu::{DeviceBuffer, GpuDevice, GpuError};
+
 use crate::weights::{FloatType, StoredTensor};
 
 /// Weights and bias `[n]` of a product.
@@ -84,7 +84,7 @@ impl DeviceWeights {
         let first = tensors[0].float_type();
         let keeps_type = tensors.iter().all(|tensor| tensor.float_type() == first);
         let float_type = if keeps_type && k.is_multiple_of(2) { first } else { FloatType::F32 };
-        let (n_bytes, limit) = ((n * k * float_type.size()) as u64, gpu.max_binding());
+        let (n_bytes, limit) = ((n * k * float_type.size()) as u64, gpu.max_buffer_bytes());
         if n_bytes > limit {
             let shape = format!("a matrix [{n}, {k}] of {}", float_type.name());
             return Err(gpu.error(&format!("{shape} has {n_bytes} bytes, expected at most {limit}")));

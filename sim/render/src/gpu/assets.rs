@@ -3,8 +3,8 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::device::Gpu;
-use super::growable_buffer::GrowableBuffer;
+use gpu::{GpuDevice, GrowableBuffer};
+
 use super::records::{MAX_TRIANGLES, VertexRecord, padded};
 use crate::mesh::{Mesh, ProjectionAxis};
 use crate::prepared::{Instance, MeshKey, RenderScene};
@@ -56,8 +56,8 @@ pub(crate) struct Assets {
 
 impl Assets {
     /// Creates empty buffers.
-    pub(crate) fn new(gpu: &Gpu) -> Self {
-        let buffer = |label, usage| GrowableBuffer::new(gpu, label, usage);
+    pub(crate) fn new(gpu: &GpuDevice) -> Self {
+        let buffer = |label, usage| GrowableBuffer::new(gpu, label, usage, u64::MAX);
         let none = wgpu::BufferUsages::empty();
         Self {
             meshes: HashMap::new(),
@@ -139,16 +139,16 @@ impl Assets {
 
     /// Removes all meshes if they take up half of the largest buffer that the device supports, so that the
     /// next chunk finds room.
-    pub(crate) fn evict_if_full(&mut self, gpu: &Gpu) {
+    pub(crate) fn evict_if_full(&mut self, gpu: &GpuDevice) {
         let n_bytes = size_of_val(&self.vertices[..]).max(size_of_val(&self.triangles[..])) as u64;
-        if n_bytes > gpu.max_buffer_bytes / 2 {
+        if n_bytes > gpu.max_buffer_bytes() / 2 {
             self.meshes.clear();
             self.compact();
         }
     }
 
     /// Uploads new meshes and textures. Returns `true` if a buffer was reallocated.
-    pub(crate) fn upload(&mut self, gpu: &Gpu) -> bool {
+    pub(crate) fn upload(&mut self, gpu: &GpuDevice) -> bool {
         let mut reallocated = false;
         let [n_vertices, n_triangles, n_texels] = self.n_uploaded;
         if n_vertices < self.vertices.len() {

@@ -3,8 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use ipc_types::{EXTERNAL_SIDE, HAND_SIDE};
 
-use super::adapter::AdapterKind;
-use super::device::Gpu;
+use gpu::{AdapterKind, GpuDevice};
+
 use super::options::VisibilityMethod;
 use super::records::{INSTANCE_BYTES, PoseRecord, ViewRecord};
 use super::texture_layers::LAYER_STEP;
@@ -95,7 +95,7 @@ pub(crate) struct ChunkLimits {
 impl ChunkLimits {
     /// Determines the limits from those of the device and from the memory that an env takes.
     pub(crate) fn new(
-        gpu: &Gpu,
+        gpu: &GpuDevice,
         kind: AdapterKind,
         visibility: VisibilityMethod,
         samples_per_axis: u32,
@@ -107,9 +107,9 @@ impl ChunkLimits {
             AdapterKind::Software => SOFTWARE_ENVS,
         };
         let mut n =
-            wanted.min(gpu.max_buffer_bytes / largest_buffer).min(MAX_VIEWS / ChunkSize::ENV.n_views());
+            wanted.min(gpu.max_buffer_bytes() / largest_buffer).min(MAX_VIEWS / ChunkSize::ENV.n_views());
         if visibility == VisibilityMethod::Raster {
-            n = n.min(u64::from(gpu.max_texture_layers) / ChunkSize::ENV.images);
+            n = n.min(u64::from(gpu.device.limits().max_texture_array_layers) / ChunkSize::ENV.images);
             // The number of layers grows in steps.
             n -= n % u64::from(LAYER_STEP);
         }

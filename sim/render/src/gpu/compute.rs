@@ -1,11 +1,10 @@
 //! Visibility pass on compute kernels: finds the largest 1/z and its triangle id per image sample, and
 //! the largest height per shadow map texel.
 
-use super::adapter::AdapterKind;
+use gpu::{AdapterKind, GpuDevice, GrowableBuffer, bind_group};
+
 use super::bindings::{self, BindingKind};
 use super::chunk::{ChunkBytes, ChunkLimits};
-use super::device::Gpu;
-use super::growable_buffer::GrowableBuffer;
 use super::shared_buffers::SharedBuffers;
 
 /// Workgroups that share all blocks, and those that share all large triangles.
@@ -40,7 +39,12 @@ pub(crate) struct ComputeTarget {
 
 impl ComputeVisibility {
     /// Creates the kernels for `samples_per_axis` samples per pixel along each axis.
-    pub(crate) fn new(gpu: &Gpu, samples_per_axis: u32, kind: AdapterKind, limits: &ChunkLimits) -> Self {
+    pub(crate) fn new(
+        gpu: &GpuDevice,
+        samples_per_axis: u32,
+        kind: AdapterKind,
+        limits: &ChunkLimits,
+    ) -> Self {
         let ChunkBytes { blocks: [image_blocks, map_blocks], visibility: [samples, texels], .. } =
             limits.bytes;
         let image_source = include_str!("wgsl/camera_target.wgsl");
@@ -48,8 +52,12 @@ impl ComputeVisibility {
         Self {
             images: ComputeTarget::new(gpu, image_source, samples_per_axis, [image_blocks, samples]),
             maps: ComputeTarget::new(gpu, map_source, 1, [map_blocks, texels]),
-            large_triangles: GrowableBuffer::new(gpu, "large triangles", wgpu::BufferUsages::empty())
-                .with_full_size(limits.bytes.large_triangles),
+            large_triangles: GrowableBuffer::new(
+                gpu,
+                "large triangles",
+                wgpu::BufferUsages::empty(),
+                limits.bytes.large_triangles,
+            ),
             counts: match kind {
                 AdapterKind::Hardware => GroupCounts { small: 8192, large: 2048 },
                 AdapterKind::Software => GroupCounts { small: 64, large: 32 },
@@ -68,7 +76,7 @@ impl ComputeVisibility {
     }
 
     /// Reserves space for a chunk. Returns `true` if a buffer was reallocated.
-    pub(crate) fn reserve(&mut self, gpu: &Gpu, bytes: &ChunkBytes) -> bool {
+    pub(crate) fn reserve(&mut self, gpu: &GpuDevice, bytes: &ChunkBytes) -> bool {
         let mut reallocated = self.large_triangles.reserve(gpu, bytes.large_triangles);
         for (i, target) in [&mut self.images, &mut self.maps].into_iter().enumerate() {
             target.n_bytes = bytes.visibility[i];
@@ -79,7 +87,7 @@ impl ComputeVisibility {
     }
 
     /// Recreates the bind groups if a buffer was reallocated.
-    pub(crate) fn prepare(&mut self, gpu: &Gpu, shared: &SharedBuffers, stale: bool) {
+    pub(crate) fn prepare(&mut self, gpu: &GpuDevice, shared: &SharedBuffers, stale: bool) {
         self.images.prepare(gpu, shared, &self.large_triangles, stale);
         self.maps.prepare(gpu, shared, &self.large_triangles, stale);
     }
@@ -87,7 +95,7 @@ impl ComputeVisibility {
     /// Encodes the removal of all blocks, which precedes the placement pass.
     pub(crate) fn clear_lists(&self, encoder: &mut wgpu::CommandEncoder) {
         for target in [&self.images, &self.maps] {
-            encoder.clear_buffer(&target.blocks.buffer, 0, Some(4));
+            encoder.clear_buffer(target.blocks.buffer(), 0, Some(4));
         }
     }
 
@@ -96,7 +104,7 @@ impl ComputeVisibility {
         for target in [&self.images, &self.maps] {
             if target.n_bytes > 0 {
                 // Reset the count of large triangles.
-                encoder.clear_buffer(&self.large_triangles.buffer, 0, Some(4));
+                encoder.clear_buffer(self.large_triangles.buffer(), 0, Some(4));
                 target.encode(encoder, self.counts);
             }
         }
@@ -106,13 +114,18 @@ impl ComputeVisibility {
     pub(crate) fn n_bytes(&self) -> u64 {
         let targets = [&self.images, &self.maps];
         let buffers = targets.into_iter().flat_map(|target| [&target.blocks, &target.visibility]);
-        buffers.chain([&self.large_triangles]).map(|buffer| buffer.buffer.size()).sum()
+        buffers.chain([&self.large_triangles]).map(|buffer| buffer.buffer().size()).sum()
     }
 }
 
 impl ComputeTarget {
     /// Creates the kernels. The sizes are those of `blocks` and `visibility` in the largest chunk.
-    fn new(gpu: &Gpu, target_source: &str, samples_per_axis: u32, [blocks, visibility]: [u64; 2]) -> Self {
+    fn new(
+        gpu: &GpuDevice,
+        target_source: &str,
+        samples_per_axis: u32,
+        [blocks, visibility]: [u64; 2],
+    ) -> Self {
         let sources = [include_str!("wgsl/records.wgsl"), include_str!("wgsl/compute.wgsl"), target_source];
         let module = bindings::module(gpu, "compute", &sources);
         let kinds = [
@@ -126,8 +139,7 @@ impl ComputeTarget {
         ];
         let layout = bindings::layout(gpu, wgpu::ShaderStages::COMPUTE, &kinds);
         let pipeline = |entry| bindings::compute_pipeline(gpu, &layout, &module, entry, samples_per_axis);
-        let buffer =
-            |label, size| GrowableBuffer::new(gpu, label, wgpu::BufferUsages::empty()).with_full_size(size);
+        let buffer = |label, size| GrowableBuffer::new(gpu, label, wgpu::BufferUsages::empty(), size);
         Self {
             rasterise_small: pipeline("rasterise_small"),
             rasterise_large: pipeline("rasterise_large"),
@@ -139,7 +151,7 @@ impl ComputeTarget {
         }
     }
 
-    fn prepare(&mut self, gpu: &Gpu, shared: &SharedBuffers, large: &GrowableBuffer, stale: bool) {
+    fn prepare(&mut self, gpu: &GpuDevice, shared: &SharedBuffers, large: &GrowableBuffer, stale: bool) {
         if stale || self.group.is_none() {
             let assets = &shared.assets;
             let buffers = [
@@ -151,13 +163,13 @@ impl ComputeTarget {
                 large,
                 &self.visibility,
             ];
-            let resources = buffers.map(|buffer| buffer.buffer.as_entire_binding());
-            self.group = Some(bindings::group(gpu, &self.layout, &resources));
+            let resources = buffers.map(|buffer| buffer.buffer().as_entire_binding());
+            self.group = Some(bind_group(gpu, &self.layout, resources));
         }
     }
 
     fn encode(&self, encoder: &mut wgpu::CommandEncoder, counts: GroupCounts) {
-        encoder.clear_buffer(&self.visibility.buffer, 0, Some(self.n_bytes));
+        encoder.clear_buffer(self.visibility.buffer(), 0, Some(self.n_bytes));
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         pass.set_bind_group(0, self.group.as_ref().expect("prepare() precedes encode()"), &[]);
         pass.set_pipeline(&self.rasterise_small);

@@ -6,14 +6,12 @@
 //! rayon pool copies the images of the other. An image depends only on its view and the device, not on the
 //! other views.
 
-mod adapter;
 mod assets;
 mod batch;
 mod bindings;
 mod chunk;
 mod compute;
 mod device;
-mod growable_buffer;
 mod options;
 mod pipeline;
 mod placement;
@@ -27,7 +25,7 @@ mod shadow;
 mod shared_buffers;
 mod texture_layers;
 
-pub use adapter::AdapterKind;
+pub use gpu::AdapterKind;
 pub use options::{GpuOptions, VisibilityMethod};
 pub use renderer::{GpuRenderer, Timings};
 

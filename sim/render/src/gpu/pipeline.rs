@@ -1,12 +1,11 @@
 //! The passes that render a chunk of views, and their buffers.
 
-use super::adapter::AdapterKind;
+use gpu::{AdapterKind, GpuDevice, GrowableBuffer};
+
 use super::assets::Assets;
 use super::batch::ViewBatch;
 use super::chunk::{ChunkLimits, ChunkSize};
 use super::compute::ComputeVisibility;
-use super::device::Gpu;
-use super::growable_buffer::GrowableBuffer;
 use super::options::{GpuOptions, VisibilityMethod, samples_per_axis};
 use super::placement::PlacementPass;
 use super::raster::RasterVisibility;
@@ -37,7 +36,7 @@ enum VisibilityPass {
 impl ImagePipeline {
     /// Creates the pipelines and minimal buffers.
     pub(crate) fn new(
-        gpu: &Gpu,
+        gpu: &GpuDevice,
         kind: AdapterKind,
         visibility: VisibilityMethod,
         options: &GpuOptions,
@@ -52,9 +51,8 @@ impl ImagePipeline {
                 VisibilityPass::Compute(ComputeVisibility::new(gpu, samples_per_axis, kind, &limits))
             }
         };
-        let buffer = |label, full_size| {
-            GrowableBuffer::new(gpu, label, wgpu::BufferUsages::empty()).with_full_size(full_size)
-        };
+        let buffer =
+            |label, full_size| GrowableBuffer::new(gpu, label, wgpu::BufferUsages::empty(), full_size);
         let shared = SharedBuffers {
             views: buffer("views", limits.bytes.views),
             poses: buffer("poses", limits.bytes.poses),
@@ -88,7 +86,7 @@ impl ImagePipeline {
     /// views and the buffer in which their images are stored consecutively.
     pub(crate) fn encode(
         &mut self,
-        gpu: &Gpu,
+        gpu: &GpuDevice,
         views: &[View<'_>],
         encoder: &mut wgpu::CommandEncoder,
     ) -> (usize, &wgpu::Buffer) {
@@ -122,7 +120,7 @@ impl ImagePipeline {
             }
         }
         shading.encode(encoder, batch.n_images, batch.max_side);
-        (n, &shading.images.buffer)
+        (n, shading.images.buffer())
     }
 
     /// Returns the memory of all buffers and textures whose size depends on the chunk, in bytes.
@@ -133,7 +131,7 @@ impl ImagePipeline {
             VisibilityPass::Raster(raster) => raster.n_bytes(),
             VisibilityPass::Compute(compute) => compute.n_bytes(),
         };
-        buffers.map(|buffer| buffer.buffer.size()).iter().sum::<u64>() + of_method
+        buffers.map(|buffer| buffer.buffer().size()).iter().sum::<u64>() + of_method
     }
 }
 

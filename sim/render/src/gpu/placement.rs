@@ -1,8 +1,8 @@
 //! Placement pass: the instances of all views, and which of them each view may show.
 
+use gpu::{GpuDevice, GrowableBuffer, bind_group};
+
 use super::bindings::{self, BindingKind};
-use super::device::Gpu;
-use super::growable_buffer::GrowableBuffer;
 use super::options::VisibilityMethod;
 use super::shared_buffers::SharedBuffers;
 
@@ -15,7 +15,7 @@ pub(crate) struct PlacementPass {
 
 impl PlacementPass {
     /// Creates the kernel that prepares a visibility method.
-    pub(crate) fn new(gpu: &Gpu, visibility: VisibilityMethod) -> Self {
+    pub(crate) fn new(gpu: &GpuDevice, visibility: VisibilityMethod) -> Self {
         let (output, n_outputs) = match visibility {
             VisibilityMethod::Raster => (include_str!("wgsl/placement_draws.wgsl"), 1),
             VisibilityMethod::Compute => (include_str!("wgsl/placement_blocks.wgsl"), 2),
@@ -31,7 +31,7 @@ impl PlacementPass {
     /// Recreates the bind group if a buffer was reallocated. `outputs` is what the visibility pass reads.
     pub(crate) fn prepare(
         &mut self,
-        gpu: &Gpu,
+        gpu: &GpuDevice,
         shared: &SharedBuffers,
         outputs: &[&GrowableBuffer],
         stale: bool,
@@ -39,8 +39,8 @@ impl PlacementPass {
         if stale || self.group.is_none() {
             let inputs = [&shared.views, &shared.scenes.buffer, &shared.poses, &shared.instances];
             let buffers = inputs.into_iter().chain(outputs.iter().copied());
-            let resources: Vec<_> = buffers.map(|buffer| buffer.buffer.as_entire_binding()).collect();
-            self.group = Some(bindings::group(gpu, &self.layout, &resources));
+            let resources: Vec<_> = buffers.map(|buffer| buffer.buffer().as_entire_binding()).collect();
+            self.group = Some(bind_group(gpu, &self.layout, resources));
         }
     }
 

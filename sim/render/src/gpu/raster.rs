@@ -1,11 +1,11 @@
 //! Visibility pass on the hardware rasteriser: one layer of triangle ids per image, one layer of
 //! heights per shadow map.
 
+use gpu::{GpuDevice, GrowableBuffer, bind_group};
+
 use super::batch::ViewBatch;
 use super::bindings::{self, BindingKind};
 use super::chunk::{ChunkBytes, ChunkLimits, DRAW_BYTES};
-use super::device::Gpu;
-use super::growable_buffer::GrowableBuffer;
 use super::records::{NONE, ViewRecord};
 use super::shared_buffers::SharedBuffers;
 use super::texture_layers::TextureLayers;
@@ -30,7 +30,7 @@ pub(crate) struct RasterVisibility {
 
 impl RasterVisibility {
     /// Creates the pipelines for `samples_per_axis` samples per pixel along each axis.
-    pub(crate) fn new(gpu: &Gpu, samples_per_axis: u32, limits: &ChunkLimits) -> Self {
+    pub(crate) fn new(gpu: &GpuDevice, samples_per_axis: u32, limits: &ChunkLimits) -> Self {
         // WGSL requires `enable` directives at the start of the source.
         let sources = [include_str!("wgsl/raster.wgsl"), include_str!("wgsl/records.wgsl")];
         let module = bindings::module(gpu, "raster", &sources);
@@ -42,8 +42,7 @@ impl RasterVisibility {
             ids: TextureLayers::new(gpu, ID_FORMAT),
             depths: TextureLayers::new(gpu, DEPTH_FORMAT),
             heights: TextureLayers::new(gpu, DEPTH_FORMAT),
-            draws: GrowableBuffer::new(gpu, "draws", wgpu::BufferUsages::INDIRECT)
-                .with_full_size(limits.bytes.draws),
+            draws: GrowableBuffer::new(gpu, "draws", wgpu::BufferUsages::INDIRECT, limits.bytes.draws),
             group: None,
             samples_per_axis,
         }
@@ -60,7 +59,7 @@ impl RasterVisibility {
     }
 
     /// Reserves space for a chunk. Returns `true` if a texture or buffer was reallocated.
-    pub(crate) fn reserve(&mut self, gpu: &Gpu, batch: &ViewBatch, bytes: &ChunkBytes) -> bool {
+    pub(crate) fn reserve(&mut self, gpu: &GpuDevice, batch: &ViewBatch, bytes: &ChunkBytes) -> bool {
         let (side, n_maps) =
             (batch.max_side * self.samples_per_axis, batch.views.len() as u32 - batch.n_images);
         let mut reallocated = self.ids.reserve(gpu, side, batch.n_images);
@@ -72,11 +71,11 @@ impl RasterVisibility {
     }
 
     /// Recreates the bind group if a buffer was reallocated.
-    pub(crate) fn prepare(&mut self, gpu: &Gpu, shared: &SharedBuffers, stale: bool) {
+    pub(crate) fn prepare(&mut self, gpu: &GpuDevice, shared: &SharedBuffers, stale: bool) {
         if stale || self.group.is_none() {
             let buffers = [&shared.views, &shared.instances, &shared.assets.vertex_buffer];
-            let resources = buffers.map(|buffer| buffer.buffer.as_entire_binding());
-            self.group = Some(bindings::group(gpu, &self.layout, &resources));
+            let resources = buffers.map(|buffer| buffer.buffer().as_entire_binding());
+            self.group = Some(bind_group(gpu, &self.layout, resources));
         }
     }
 
@@ -101,16 +100,16 @@ impl RasterVisibility {
                 pass
             };
             pass.set_bind_group(0, self.group.as_ref().expect("prepare() precedes encode()"), &[]);
-            pass.set_index_buffer(shared.assets.index_buffer.buffer.slice(..), wgpu::IndexFormat::Uint32);
+            pass.set_index_buffer(shared.assets.index_buffer.buffer().slice(..), wgpu::IndexFormat::Uint32);
             let ViewRecord { first_instance, n_instances, .. } = *view;
             let offset = u64::from(first_instance) * DRAW_BYTES;
-            pass.multi_draw_indexed_indirect(&self.draws.buffer, offset, n_instances);
+            pass.multi_draw_indexed_indirect(self.draws.buffer(), offset, n_instances);
         }
     }
 
     /// Returns the memory of all buffers and textures in bytes.
     pub(crate) fn n_bytes(&self) -> u64 {
-        self.ids.n_bytes() + self.depths.n_bytes() + self.heights.n_bytes() + self.draws.buffer.size()
+        self.ids.n_bytes() + self.depths.n_bytes() + self.heights.n_bytes() + self.draws.buffer().size()
     }
 }
 
@@ -127,14 +126,14 @@ impl RasterTarget {
 }
 
 fn pipeline(
-    gpu: &Gpu,
+    gpu: &GpuDevice,
     layout: &wgpu::BindGroupLayout,
     module: &wgpu::ShaderModule,
     target: &RasterTarget,
 ) -> wgpu::RenderPipeline {
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some(target.vertex),
-        layout: Some(&bindings::pipeline_layout(gpu, layout)),
+        layout: Some(&gpu::pipeline_layout(gpu, layout)),
         vertex: wgpu::VertexState {
             module,
             entry_point: Some(target.vertex),

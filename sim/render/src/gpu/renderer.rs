@@ -2,8 +2,9 @@
 
 use std::time::Instant;
 
-use super::adapter::{self, AdapterKind};
-use super::device::Gpu;
+use gpu::{AdapterKind, GpuDevice};
+
+use super::device;
 use super::options::{GpuOptions, VisibilityMethod};
 use super::pipeline::ImagePipeline;
 use super::readback::Readback;
@@ -28,7 +29,7 @@ pub struct GpuRenderer {
     timings: Timings,
     pub(crate) visibility: VisibilityMethod,
     samples: Samples,
-    pub(crate) gpu: Gpu,
+    pub(crate) gpu: GpuDevice,
 }
 
 impl GpuRenderer {
@@ -37,15 +38,10 @@ impl GpuRenderer {
     /// # Errors
     /// If there is none of this index, if it cannot render, or if it cannot be opened.
     pub fn open(kind: AdapterKind, options: &GpuOptions) -> Result<Self, OpenRendererError> {
-        let selected = adapter::select(kind, options)?;
-        let visibility = selected.visibility;
-        let gpu = Gpu::open(selected)?;
+        let (gpu, visibility) = device::open(kind, options)?;
         let pipeline = ImagePipeline::new(&gpu, kind, visibility, options);
         // Shader compilation errors are reported at this point.
-        gpu.check().map_err(|error| OpenRendererError::Device {
-            name: gpu.name.clone(),
-            message: error.to_string(),
-        })?;
+        gpu.check()?;
         let readback = || Readback::new(pipeline.limits.bytes.images);
         Ok(Self {
             readbacks: [readback(), readback()],
@@ -85,8 +81,7 @@ impl GpuRenderer {
     /// Submits the next chunk of `views`. Returns the number of its views.
     fn submit(&mut self, views: &[View<'_>], chunk_idx: usize) -> Result<usize, RenderError> {
         let start = Instant::now();
-        let descriptor = wgpu::CommandEncoderDescriptor::default();
-        let mut encoder = self.gpu.device.create_command_encoder(&descriptor);
+        let mut encoder = self.gpu.encoder();
         let (n, images) = self.pipeline.encode(&self.gpu, views, &mut encoder);
         let n_bytes = views[..n].iter().map(|view| view.out.len() as u64).sum();
         self.readbacks[chunk_idx % 2].submit(&self.gpu, encoder, images, n_bytes);
@@ -113,7 +108,7 @@ impl Renderer for GpuRenderer {
             VisibilityMethod::Raster => "raster",
             VisibilityMethod::Compute => "compute",
         };
-        name_with_samples(format!("gpu ({}, {visibility})", self.gpu.name), self.samples)
+        name_with_samples(format!("gpu ({}, {visibility})", self.gpu.name()), self.samples)
     }
 
     fn identity(&self) -> String {

@@ -3,9 +3,9 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::{Arc, Weak};
 
+use gpu::{GpuDevice, GrowableBuffer};
+
 use super::assets::Assets;
-use super::device::Gpu;
-use super::growable_buffer::GrowableBuffer;
 use super::records::{MAX_INSTANCES, NONE, SceneInstanceRecord, rows};
 use crate::RenderScene;
 use crate::math::affine::Affine3;
@@ -53,13 +53,13 @@ pub(crate) struct ResidentScenes {
 
 impl ResidentScenes {
     /// Creates an empty buffer.
-    pub(crate) fn new(gpu: &Gpu) -> Self {
+    pub(crate) fn new(gpu: &GpuDevice) -> Self {
         Self {
             scenes: HashMap::new(),
             free: BTreeMap::new(),
             records: Vec::new(),
             changed: Vec::new(),
-            buffer: GrowableBuffer::new(gpu, "scene instances", wgpu::BufferUsages::empty()),
+            buffer: GrowableBuffer::new(gpu, "scene instances", wgpu::BufferUsages::empty(), u64::MAX),
         }
     }
 
@@ -91,7 +91,7 @@ impl ResidentScenes {
     }
 
     /// Uploads the scenes that are new or have changed. Returns `true` if the buffer was reallocated.
-    pub(crate) fn upload(&mut self, gpu: &Gpu) -> bool {
+    pub(crate) fn upload(&mut self, gpu: &GpuDevice) -> bool {
         let reallocated = self.buffer.reserve(gpu, size_of_val(&self.records[..]) as u64);
         if reallocated {
             self.buffer.write_at(gpu, &self.records, 0);

@@ -1,8 +1,8 @@
 //! Deferred shading pass: turns the visibility result into packed sRGB bytes.
 
+use gpu::{GpuDevice, GrowableBuffer, bind_group};
+
 use super::bindings::{self, BindingKind};
-use super::device::Gpu;
-use super::growable_buffer::GrowableBuffer;
 use super::shared_buffers::SharedBuffers;
 use crate::math::srgb::{LINEAR_SEGMENT_END, LINEAR_SEGMENT_SLOPE, SQRT_POLYNOMIAL};
 use crate::shading::{SHADOW_DEPTH_LEVELS, SHADOW_NORMAL_OFFSET_M, SPECULAR_FALLOFF, SPECULAR_VISIBILITY};
@@ -31,7 +31,7 @@ impl ShadingPass {
     /// Creates the kernel for `samples_per_axis` samples per pixel along each axis. The images of the largest
     /// chunk have `full_size` bytes.
     pub(crate) fn new(
-        gpu: &Gpu,
+        gpu: &GpuDevice,
         visibility: &VisibilityResult<'_>,
         samples_per_axis: u32,
         full_size: u64,
@@ -69,8 +69,7 @@ impl ShadingPass {
         Self {
             pipeline: bindings::compute_pipeline(gpu, &layout, &module, "shade_tile", samples_per_axis),
             layout,
-            images: GrowableBuffer::new(gpu, "images", wgpu::BufferUsages::COPY_SRC)
-                .with_full_size(full_size),
+            images: GrowableBuffer::new(gpu, "images", wgpu::BufferUsages::empty(), full_size),
             group: None,
         }
     }
@@ -79,7 +78,7 @@ impl ShadingPass {
     /// resource of another pass was reallocated.
     pub(crate) fn prepare(
         &mut self,
-        gpu: &Gpu,
+        gpu: &GpuDevice,
         n_bytes: u64,
         visibility: &VisibilityResult<'_>,
         shared: &SharedBuffers,
@@ -98,16 +97,16 @@ impl ShadingPass {
             &assets.texel_buffer,
             &self.images,
         ];
-        let mut resources: Vec<_> = buffers.map(|buffer| buffer.buffer.as_entire_binding()).into();
+        let mut resources: Vec<_> = buffers.map(|buffer| buffer.buffer().as_entire_binding()).into();
         match visibility {
             VisibilityResult::Textures(views) => {
                 resources.extend(views.map(wgpu::BindingResource::TextureView));
             }
             VisibilityResult::Buffers(buffers) => {
-                resources.extend(buffers.map(|buffer| buffer.buffer.as_entire_binding()));
+                resources.extend(buffers.map(|buffer| buffer.buffer().as_entire_binding()));
             }
         }
-        self.group = Some(bindings::group(gpu, &self.layout, &resources));
+        self.group = Some(bind_group(gpu, &self.layout, resources));
     }
 
     /// Encodes the shading of `n_images` images, the largest of which has `max_side` × `max_side` px.

@@ -1,7 +1,8 @@
 //! Buffers that several passes use.
 
+use gpu::GrowableBuffer;
+
 use super::assets::Assets;
-use super::growable_buffer::GrowableBuffer;
 use super::scenes::ResidentScenes;
 
 /// Buffers that several passes use.

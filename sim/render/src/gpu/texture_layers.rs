@@ -1,6 +1,6 @@
 //! Array textures with one layer per view.
 
-use super::device::Gpu;
+use gpu::GpuDevice;
 
 /// Granularity at which the number of layers grows.
 pub(crate) const LAYER_STEP: u32 = 16;
@@ -18,13 +18,13 @@ pub(crate) struct TextureLayers {
 
 impl TextureLayers {
     /// Creates a minimal texture.
-    pub(crate) fn new(gpu: &Gpu, format: wgpu::TextureFormat) -> Self {
+    pub(crate) fn new(gpu: &GpuDevice, format: wgpu::TextureFormat) -> Self {
         Self::with(gpu, format, 8, 1)
     }
 
     /// Reserves space for `n` views of up to `side` × `side` px. Returns `true` if the texture was
     /// reallocated.
-    pub(crate) fn reserve(&mut self, gpu: &Gpu, side: u32, n: u32) -> bool {
+    pub(crate) fn reserve(&mut self, gpu: &GpuDevice, side: u32, n: u32) -> bool {
         let n_layers = self.each.len() as u32;
         if side <= self.side && n <= n_layers {
             return false;
@@ -39,7 +39,7 @@ impl TextureLayers {
         u64::from(self.side).pow(2) * self.each.len() as u64 * 4
     }
 
-    fn with(gpu: &Gpu, format: wgpu::TextureFormat, side: u32, n: u32) -> Self {
+    fn with(gpu: &GpuDevice, format: wgpu::TextureFormat, side: u32, n: u32) -> Self {
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: None,
             size: wgpu::Extent3d { width: side, height: side, depth_or_array_layers: n },
