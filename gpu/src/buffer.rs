@@ -15,7 +15,6 @@ pub struct DeviceBuffer(pub wgpu::Buffer);
 /// device's limit and the size that suffices for everything. Growing discards the contents.
 pub struct GrowableBuffer {
     label: &'static str,
-    usage: wgpu::BufferUsages,
     full_size: u64,
     buffer: DeviceBuffer,
 }
@@ -68,11 +67,10 @@ impl DeviceBuffer {
 }
 
 impl GrowableBuffer {
-    /// Creates a minimal buffer with additional `usage` flags, which grows up to `full_size` bytes.
+    /// Creates a minimal buffer, which grows up to `full_size` bytes.
     #[must_use]
-    pub fn new(gpu: &GpuDevice, label: &'static str, usage: wgpu::BufferUsages, full_size: u64) -> Self {
-        let usage = usage | DeviceBuffer::STORAGE;
-        Self { label, usage, full_size, buffer: DeviceBuffer::create(gpu, label, usage, 0) }
+    pub fn new(gpu: &GpuDevice, label: &'static str, full_size: u64) -> Self {
+        Self { label, full_size, buffer: DeviceBuffer::zeroed(gpu, label, 0) }
     }
 
     /// Returns the buffer as it is now.
@@ -88,13 +86,8 @@ impl GrowableBuffer {
         }
         let limit = self.full_size.min(gpu.max_buffer_bytes());
         let size = n_bytes.next_power_of_two().min(limit).max(n_bytes);
-        self.buffer = DeviceBuffer::create(gpu, self.label, self.usage, size);
+        self.buffer = DeviceBuffer::create(gpu, self.label, DeviceBuffer::STORAGE, size);
         true
-    }
-
-    /// Writes `items` at the start of the buffer. Returns `true` if the buffer was reallocated.
-    pub fn write<T: NoUninit>(&mut self, gpu: &GpuDevice, items: &[T]) -> bool {
-        self.append(gpu, items, 0)
     }
 
     /// Writes `items` at an index, for which there must be room.

@@ -95,7 +95,6 @@ impl GpuDevice {
             required_limits: wgpu::Limits {
                 max_storage_buffer_binding_size: max_buffer_bytes,
                 max_buffer_size: max_buffer_bytes,
-                max_texture_array_layers: adapter.limits().max_texture_array_layers,
                 ..wgpu::Limits::defaults()
             },
             ..wgpu::DeviceDescriptor::default()

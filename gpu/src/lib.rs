@@ -12,5 +12,5 @@ mod submission;
 pub use adapter::{AdapterKind, AdapterSummary, adapters};
 pub use buffer::{DeviceBuffer, GrowableBuffer};
 pub use device::{DeviceRequirements, GpuDevice, GpuError};
-pub use pipeline::{bind_group, compute_pipeline, pipeline_layout};
+pub use pipeline::{bind_group, compute_pipeline};
 pub use submission::{PendingSubmission, read_mapped};

@@ -2,8 +2,8 @@
 
 use super::device::GpuDevice;
 
-/// Creates a compute pipeline with a single bind group, whose layout derives from the kernel if there is none.
-/// The kernel must write its workgroup memory before it reads it.
+/// Creates a compute pipeline with a single bind group, whose layout derives from the kernel if there is
+/// none. The kernel must write its workgroup memory before it reads it.
 #[must_use]
 pub fn compute_pipeline(
     gpu: &GpuDevice,
@@ -12,7 +12,13 @@ pub fn compute_pipeline(
     (module, entry_point): (&wgpu::ShaderModule, &str),
     constants: &[(&str, f64)],
 ) -> wgpu::ComputePipeline {
-    let layout = layout.map(|layout| pipeline_layout(gpu, layout));
+    let layout = layout.map(|layout| {
+        gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: None,
+            bind_group_layouts: &[Some(layout)],
+            immediate_size: 0,
+        })
+    });
     gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(label),
         layout: layout.as_ref(),
@@ -23,16 +29,6 @@ pub fn compute_pipeline(
             zero_initialize_workgroup_memory: false,
         },
         cache: None,
-    })
-}
-
-/// Creates the layout of a pipeline with a single bind group.
-#[must_use]
-pub fn pipeline_layout(gpu: &GpuDevice, layout: &wgpu::BindGroupLayout) -> wgpu::PipelineLayout {
-    gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: None,
-        bind_group_layouts: &[Some(layout)],
-        immediate_size: 0,
     })
 }
 

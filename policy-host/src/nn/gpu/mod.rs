@@ -5,8 +5,8 @@
 //! batch. They may differ between devices and drivers, which may or may not fuse products and sums.
 //!
 //! [`device`] opens a device, [`weights`] owns the matrices in its memory, [`kernel`] compiles the WGSL
-//! sources, [`ops`] and [`sequences`] have one constructor per layer, [`steps`] encodes them, and [`transfer`]
-//! has the batches in flight.
+//! sources, [`ops`] and [`sequences`] have one constructor per layer, [`steps`] encodes them, and
+//! [`transfer`] has the batches in flight.
 
 pub mod device;
 pub mod kernel;

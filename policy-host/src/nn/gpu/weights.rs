@@ -27,10 +27,14 @@ impl WeightLayout {
     /// Returns the WGSL source that loads the weights, and its constants.
     pub(crate) const fn source(self) -> (&'static str, &'static [(&'static str, usize)]) {
         match self {
-            Self::ByInput => (include_str!("wgsl/weights.wgsl"), &[]),
-            Self::Stored(FloatType::F32) => (include_str!("wgsl/stored_weights.wgsl"), &[]),
-            Self::Stored(FloatType::F16) => (include_str!("wgsl/half_weights.wgsl"), &[("IS_BF16", 0)]),
-            Self::Stored(FloatType::Bf16) => (include_str!("wgsl/half_weights.wgsl"), &[("IS_BF16", 1)]),
+            Self::ByInput => (include_str!("wgsl/product/weights.wgsl"), &[]),
+            Self::Stored(FloatType::F32) => (include_str!("wgsl/product/stored_weights.wgsl"), &[]),
+            Self::Stored(FloatType::F16) => {
+                (include_str!("wgsl/product/half_weights.wgsl"), &[("IS_BF16", 0)])
+            }
+            Self::Stored(FloatType::Bf16) => {
+                (include_str!("wgsl/product/half_weights.wgsl"), &[("IS_BF16", 1)])
+            }
         }
     }
 }

@@ -4,9 +4,8 @@ use std::time::Instant;
 
 use gpu::{AdapterKind, GpuDevice};
 
-use super::device;
-use super::options::{GpuOptions, VisibilityMethod};
-use super::pipeline::ImagePipeline;
+use super::device::REQUIREMENTS;
+use super::passes::pipeline::ImagePipeline;
 use super::readback::Readback;
 use crate::Samples;
 use crate::renderer::{OpenRendererError, RenderError, Renderer, View, name_with_samples};
@@ -27,30 +26,26 @@ pub struct GpuRenderer {
     pub(crate) pipeline: ImagePipeline,
     readbacks: [Readback; 2],
     timings: Timings,
-    pub(crate) visibility: VisibilityMethod,
     samples: Samples,
     pub(crate) gpu: GpuDevice,
 }
 
 impl GpuRenderer {
-    /// Opens an adapter of a kind.
+    /// Opens an adapter of a kind by its index among those of the kind, or the first that can render.
     ///
     /// # Errors
-    /// If there is none of this index, if it cannot render, or if it cannot be opened.
-    pub fn open(kind: AdapterKind, options: &GpuOptions) -> Result<Self, OpenRendererError> {
-        let (gpu, visibility) = device::open(kind, options)?;
-        let pipeline = ImagePipeline::new(&gpu, kind, visibility, options);
+    /// If there is none, which lists what was found, or it cannot be opened.
+    pub fn open(
+        kind: AdapterKind,
+        index: Option<usize>,
+        samples: Samples,
+    ) -> Result<Self, OpenRendererError> {
+        let gpu = GpuDevice::open(kind, index, &REQUIREMENTS)?;
+        let pipeline = ImagePipeline::new(&gpu, kind, samples);
         // Shader compilation errors are reported at this point.
         gpu.check()?;
         let readback = || Readback::new(pipeline.limits.bytes.images);
-        Ok(Self {
-            readbacks: [readback(), readback()],
-            pipeline,
-            timings: Timings::default(),
-            visibility,
-            samples: options.samples,
-            gpu,
-        })
+        Ok(Self { readbacks: [readback(), readback()], pipeline, timings: Timings::default(), samples, gpu })
     }
 
     /// Returns the timings of the last call of [`Renderer::render`].
@@ -104,11 +99,7 @@ impl GpuRenderer {
 
 impl Renderer for GpuRenderer {
     fn name(&self) -> String {
-        let visibility = match self.visibility {
-            VisibilityMethod::Raster => "raster",
-            VisibilityMethod::Compute => "compute",
-        };
-        name_with_samples(format!("gpu ({}, {visibility})", self.gpu.name()), self.samples)
+        name_with_samples(format!("gpu ({})", self.gpu.name()), self.samples)
     }
 
     fn identity(&self) -> String {

@@ -1,5 +1,8 @@
 // Lighting of surface points, and shadow map lookup for the first sun.
 
+// Result of visibility.wgsl in shadow maps: the bits of the height per texel.
+@group(0) @binding(6) var<storage, read> shadow_heights: array<u32>;
+
 // Returns the linear radiance towards the eye.
 fn illuminate(view: View, color: vec3f, specular: f32, metallic: f32, point: vec3f, normal: vec3f, to_eye: vec3f) -> vec3f {
     var diffuse = vec3f(0.0);
@@ -44,4 +47,8 @@ fn is_lit(map: View, texel: vec2i, height: f32) -> f32 {
         return 1.0;
     }
     return select(0.0, 1.0, floor(height * SHADOW_DEPTH_LEVELS) >= floor(height_at(map, vec2u(texel)) * SHADOW_DEPTH_LEVELS));
+}
+
+fn height_at(map: View, at: vec2u) -> f32 {
+    return bitcast<f32>(shadow_heights[map.first_pixel + at.y * map.side + at.x]);
 }

@@ -5,10 +5,9 @@ use ipc_types::{EXTERNAL_SIDE, HAND_SIDE};
 
 use gpu::{AdapterKind, GpuDevice};
 
-use super::options::VisibilityMethod;
 use super::records::{INSTANCE_BYTES, PoseRecord, ViewRecord};
-use super::texture_layers::LAYER_STEP;
 use crate::shading::SHADOW_MAP_SIDE;
+use run_config::Samples;
 
 /// Device memory that a chunk may take on a GPU; the rest is left to the policies. Not yet tuned on a GPU.
 const MAX_CHUNK_BYTES: u64 = 1 << 30;
@@ -23,12 +22,6 @@ const SOFTWARE_ENVS: u64 = 32;
 
 /// Number of views that one dispatch can take: the limit that every device guarantees.
 const MAX_VIEWS: u64 = 65_535;
-/// Bytes per sample of the rasteriser's ids.
-const ID_BYTES: u64 = 4;
-/// Bytes per sample of the rasteriser's depths and heights.
-const DEPTH_BYTES: u64 = 4;
-/// Size of a draw call's arguments in bytes.
-pub(crate) const DRAW_BYTES: u64 = 20;
 /// Size of a block of triangles, or of a large triangle, in bytes.
 const LIST_ENTRY_BYTES: u64 = 8;
 /// Bytes before a list, for its length.
@@ -61,22 +54,21 @@ pub(crate) struct ChunkSize {
 }
 
 /// Sizes of the buffers of a chunk in bytes.
-#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(crate) struct ChunkBytes {
     pub(crate) views: u64,
     pub(crate) poses: u64,
     pub(crate) instances: u64,
     /// Packed images, on the device and, twice, in readback buffers.
     pub(crate) images: u64,
-    /// Blocks of triangles in images and in shadow maps.
-    pub(crate) blocks: [u64; 2],
+    pub(crate) image_blocks: u64,
+    pub(crate) map_blocks: u64,
     pub(crate) large_triangles: u64,
-    /// Results of the compute kernels per sample and per texel of a shadow map.
-    pub(crate) visibility: [u64; 2],
-    /// Arguments of draw calls.
-    pub(crate) draws: u64,
-    /// Layers of the rasteriser for images and for shadow maps.
-    layers: [u64; 2],
+    /// Visibility per sample of the images.
+    pub(crate) samples: u64,
+    /// Heights of the shadow maps.
+    pub(crate) heights: u64,
 }
 
 /// The largest chunks that a device renders.
@@ -94,29 +86,17 @@ pub(crate) struct ChunkLimits {
 
 impl ChunkLimits {
     /// Determines the limits from those of the device and from the memory that an env takes.
-    pub(crate) fn new(
-        gpu: &GpuDevice,
-        kind: AdapterKind,
-        visibility: VisibilityMethod,
-        samples_per_axis: u32,
-    ) -> Self {
+    pub(crate) fn new(gpu: &GpuDevice, kind: AdapterKind, samples_per_axis: u32) -> Self {
         let env = ChunkSize::ENV.bytes(samples_per_axis);
-        let (env_bytes, largest_buffer) = (env.total(visibility), env.largest(visibility));
         let wanted = match kind {
-            AdapterKind::Hardware => MAX_CHUNK_BYTES / env_bytes,
+            AdapterKind::Hardware => MAX_CHUNK_BYTES / env.total(),
             AdapterKind::Software => SOFTWARE_ENVS,
         };
-        let mut n =
-            wanted.min(gpu.max_buffer_bytes() / largest_buffer).min(MAX_VIEWS / ChunkSize::ENV.n_views());
-        if visibility == VisibilityMethod::Raster {
-            n = n.min(u64::from(gpu.device.limits().max_texture_array_layers) / ChunkSize::ENV.images);
-            // The number of layers grows in steps.
-            n -= n % u64::from(LAYER_STEP);
-        }
+        let n = wanted.min(gpu.max_buffer_bytes() / env.largest()).min(MAX_VIEWS / ChunkSize::ENV.n_views());
         let n_envs = n.max(1);
         let largest = ChunkSize::of_envs(n_envs);
         let bytes = largest.bytes(samples_per_axis);
-        Self { n_envs, largest, bytes, total_bytes: bytes.total(visibility) }
+        Self { n_envs, largest, bytes, total_bytes: bytes.total() }
     }
 
     /// Returns the limit for the chunks of a batch with this many pixels.
@@ -158,17 +138,11 @@ impl ChunkSize {
             poses: self.poses * size_of::<PoseRecord>() as u64,
             instances: self.instances * INSTANCE_BYTES,
             images: self.pixels * 3,
-            blocks: [self.image_blocks, self.map_blocks].map(list),
+            image_blocks: list(self.image_blocks),
+            map_blocks: list(self.map_blocks),
             large_triangles: list(self.n_views() * LARGE_PER_VIEW),
-            visibility: [samples * 8, self.shadow_maps * u64::from(SHADOW_MAP_SIDE.pow(2)) * 4],
-            draws: self.instances * DRAW_BYTES,
-            layers: [
-                self.images
-                    * square(EXTERNAL_SIDE)
-                    * u64::from(samples_per_axis.pow(2))
-                    * (ID_BYTES + DEPTH_BYTES),
-                self.shadow_maps * u64::from(SHADOW_MAP_SIDE.pow(2)) * DEPTH_BYTES,
-            ],
+            samples: samples * 8,
+            heights: self.shadow_maps * u64::from(SHADOW_MAP_SIDE.pow(2)) * 4,
         }
     }
 
@@ -186,28 +160,26 @@ impl ChunkSize {
 }
 
 impl ChunkBytes {
-    /// Returns the sizes of the buffers that differ between the methods.
-    fn of_method(self, visibility: VisibilityMethod) -> [u64; 5] {
-        let Self { blocks: [image_blocks, map_blocks], visibility: [samples, texels], .. } = self;
-        match visibility {
-            VisibilityMethod::Compute => [samples, texels, image_blocks, map_blocks, self.large_triangles],
-            VisibilityMethod::Raster => [self.layers[0], self.layers[1], self.draws, 0, 0],
-        }
-    }
-
     /// Returns the size of all buffers, with the images three times.
-    fn total(self, visibility: VisibilityMethod) -> u64 {
-        let of_method: u64 = self.of_method(visibility).iter().sum();
-        self.views + self.poses + self.instances + 3 * self.images + of_method
+    fn total(self) -> u64 {
+        self.sizes().iter().sum::<u64>() + 2 * self.images
     }
 
-    /// Returns the size of the largest buffer that is bound to a kernel.
-    fn largest(self, visibility: VisibilityMethod) -> u64 {
-        let of_method = match visibility {
-            VisibilityMethod::Compute => self.of_method(visibility).into_iter().fold(0, u64::max),
-            VisibilityMethod::Raster => self.draws,
-        };
-        of_method.max(self.views).max(self.poses).max(self.instances).max(self.images)
+    /// Returns the size of the largest buffer.
+    fn largest(self) -> u64 {
+        self.sizes().into_iter().fold(0, u64::max)
+    }
+
+    fn sizes(self) -> [u64; size_of::<Self>() / size_of::<u64>()] {
+        bytemuck::cast(self)
+    }
+}
+
+/// Returns the number of samples per pixel along each axis.
+pub(crate) const fn samples_per_axis(samples: Samples) -> u32 {
+    match samples {
+        Samples::One => 1,
+        Samples::Four => 2,
     }
 }
 

@@ -1,12 +1,12 @@
 //! Host-side preparation of a chunk of views: one record per view, and the poses of their envs. The device
 //! derives the rest from the resident scenes.
 
-use super::assets::Assets;
-use super::chunk::ChunkSize;
 use super::records::{NONE, PoseRecord, SunRecord, ViewRecord, padded, rows};
-use super::scenes::{ResidentScenes, SceneRange, push_poses};
 use super::shadow::map_from_world;
+use super::size::ChunkSize;
 use crate::View;
+use crate::gpu::resident::assets::Assets;
+use crate::gpu::resident::scenes::{ResidentScenes, SceneRange, push_poses};
 use crate::math::affine::Vec3;
 use crate::shading::SHADOW_MAP_SIDE;
 
@@ -89,7 +89,6 @@ impl ViewBatch {
         let record = ViewRecord {
             first_pixel: self.size.pixels as u32,
             first_instance: self.views.last().map_or(0, end_of_instances),
-            layer: self.n_images,
             // Index among the shadow maps, until their place among all views is known.
             shadow_map: env.map.unwrap_or(NONE),
             first_pose: env.first_pose,
@@ -105,10 +104,10 @@ impl ViewBatch {
         for view in self.views.iter_mut().filter(|view| view.shadow_map != NONE) {
             view.shadow_map += n_images;
         }
-        for (layer, map) in (0..).zip(&self.maps) {
+        for (map_idx, map) in (0..).zip(&self.maps) {
             let first_instance = self.views.last().map_or(0, end_of_instances);
-            let first_pixel = layer * SHADOW_MAP_SIDE.pow(2);
-            self.views.push(ViewRecord { first_pixel, layer, first_instance, ..*map });
+            let first_pixel = map_idx * SHADOW_MAP_SIDE.pow(2);
+            self.views.push(ViewRecord { first_pixel, first_instance, ..*map });
         }
     }
 }

@@ -6,8 +6,11 @@
 @group(0) @binding(2) var<storage, read> vertices: array<Vertex>;
 // Three vertex indices and the texture projection axis (0 x, 1 y, 2 z) per triangle.
 @group(0) @binding(3) var<storage, read> triangles: array<vec4u>;
+// Result of visibility.wgsl in images: the complement of the id, then the bits of 1/z; zero for samples
+// without a triangle.
+@group(0) @binding(5) var<storage, read> samples: array<vec2u>;
 // sRGB bytes of all images, `[side, side, 3]` each, stored consecutively.
-@group(0) @binding(5) var<storage, read_write> image: array<u32>;
+@group(0) @binding(7) var<storage, read_write> image: array<u32>;
 
 // Side of the pixel tile that a workgroup shades.
 const TILE: u32 = 8u;
@@ -66,6 +69,10 @@ fn shade_pixel(view: View, at: vec2u) -> u32 {
     }
     let code = vec3u(floor(srgb_codes(light / f32(SAMPLES_PER_AXIS * SAMPLES_PER_AXIS)) + 0.5));
     return code.x | (code.y << 8u) | (code.z << 16u);
+}
+
+fn id_at(view: View, at: vec2u) -> u32 {
+    return ~samples[(view.first_pixel * SAMPLES_PER_AXIS + at.y * view.side) * SAMPLES_PER_AXIS + at.x].x;
 }
 
 // Encodes linear values in [0, 1] as sRGB codes in [0, 255]. The constants are those of srgb.rs.

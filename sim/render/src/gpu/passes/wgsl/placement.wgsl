@@ -1,5 +1,5 @@
-// Placement: computes the instances of every view from the resident scenes and the poses of their envs.
-// placement_blocks.wgsl and placement_draws.wgsl define what the visibility pass gets.
+// Placement: computes the instances of every view from the resident scenes and the poses of their envs, and
+// lists blocks of their triangles for visibility.wgsl, for images and for shadow maps.
 
 @group(0) @binding(0) var<storage, read> views: array<View>;
 @group(0) @binding(1) var<storage, read> scene_instances: array<SceneInstance>;
@@ -8,6 +8,17 @@
 // Instances of all views. The instances of a view are in the order of its scene; those that it does not show
 // are not written.
 @group(0) @binding(3) var<storage, read_write> instances: array<Instance>;
+@group(0) @binding(4) var<storage, read_write> image_blocks: BlockList;
+@group(0) @binding(5) var<storage, read_write> map_blocks: BlockList;
+
+const TRIANGLES_PER_BLOCK: u32 = 64u;
+
+struct BlockList {
+    n: atomic<u32>,
+    padding: u32,
+    // Instance index and first triangle. The order differs from run to run, which no image depends on.
+    blocks: array<vec2u>,
+}
 
 // A mesh instance of a scene.
 struct SceneInstance {
@@ -72,8 +83,7 @@ fn place(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) l
             let world_from_mesh = compose(poses[view.first_pose + source.pose], source.anchor_from_mesh);
             view_from_mesh = compose(view.view_from_world, world_from_mesh);
         }
-        let is_shown = may_show(view, source, view_from_mesh);
-        if is_shown {
+        if may_show(view, source, view_from_mesh) {
             instances[view.first_instance + i] = Instance(
                 view_from_mesh,
                 source.color_specular,
@@ -87,7 +97,22 @@ fn place(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) l
                 0u,
                 0u,
                 0u);
+            list_blocks(view, view.first_instance + i, source.n_triangles);
         }
-        list_instance(view, view.first_instance + i, source, is_shown);
+    }
+}
+
+fn list_blocks(view: View, instance_idx: u32, n_triangles: u32) {
+    let n_blocks = (n_triangles + TRIANGLES_PER_BLOCK - 1u) / TRIANGLES_PER_BLOCK;
+    if view.is_shadow_map == 1u {
+        let first = atomicAdd(&map_blocks.n, n_blocks);
+        for (var i = 0u; i < n_blocks; i++) {
+            map_blocks.blocks[first + i] = vec2u(instance_idx, i * TRIANGLES_PER_BLOCK);
+        }
+    } else {
+        let first = atomicAdd(&image_blocks.n, n_blocks);
+        for (var i = 0u; i < n_blocks; i++) {
+            image_blocks.blocks[first + i] = vec2u(instance_idx, i * TRIANGLES_PER_BLOCK);
+        }
     }
 }

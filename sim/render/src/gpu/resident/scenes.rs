@@ -6,8 +6,8 @@ use std::sync::{Arc, Weak};
 use gpu::{GpuDevice, GrowableBuffer};
 
 use super::assets::Assets;
-use super::records::{MAX_INSTANCES, NONE, SceneInstanceRecord, rows};
 use crate::RenderScene;
+use crate::gpu::chunk::records::{MAX_INSTANCES, NONE, SceneInstanceRecord, rows};
 use crate::math::affine::Affine3;
 use crate::prepared::{Anchor, Instance, MeshKey};
 use crate::texture::image;
@@ -59,7 +59,7 @@ impl ResidentScenes {
             free: BTreeMap::new(),
             records: Vec::new(),
             changed: Vec::new(),
-            buffer: GrowableBuffer::new(gpu, "scene instances", wgpu::BufferUsages::empty(), u64::MAX),
+            buffer: GrowableBuffer::new(gpu, "scene instances", u64::MAX),
         }
     }
 

@@ -1,5 +1,5 @@
-//! Device records of a chunk of views. Their layout must match the structs of `wgsl/records.wgsl` field by
-//! field.
+//! Device records of a chunk of views. Their layout must match the structs of `passes/wgsl/records.wgsl`
+//! field by field.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -43,8 +43,6 @@ pub(crate) struct ViewRecord {
     pub(crate) side: u32,
     /// Index of the first pixel: the number of pixels of all preceding views of the same kind.
     pub(crate) first_pixel: u32,
-    /// Index among the images or among the shadow maps.
-    pub(crate) layer: u32,
     /// Index of the first instance.
     pub(crate) first_instance: u32,
     /// Index of the shadow map's record, or [`NONE`].
@@ -63,7 +61,7 @@ pub(crate) struct ViewRecord {
     /// 1 for a shadow map, 0 for an image.
     pub(crate) is_shadow_map: u32,
     /// Padding to 16 bytes.
-    pub(crate) padding: u32,
+    pub(crate) padding: [u32; 2],
     /// Rows of the transform from the world to the view frame, or to shadow map texels and height.
     pub(crate) view_from_world: [[f32; 4]; 3],
     /// Ambient light, linear RGB.

@@ -9,7 +9,7 @@
 @group(0) @binding(4) var<storage, read> list: BlockList;
 @group(0) @binding(5) var<storage, read_write> large: LargeTriangles;
 
-// Blocks of up to 64 triangles, written by placement_blocks.wgsl.
+// Blocks of up to 64 triangles, written by placement.wgsl.
 struct BlockList {
     n: u32,
     padding: u32,

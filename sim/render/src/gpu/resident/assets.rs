@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 
 use gpu::{GpuDevice, GrowableBuffer};
 
-use super::records::{MAX_TRIANGLES, VertexRecord, padded};
+use crate::gpu::chunk::records::{MAX_TRIANGLES, VertexRecord, padded};
 use crate::mesh::{Mesh, ProjectionAxis};
 use crate::prepared::{Instance, MeshKey, RenderScene};
 use crate::texture::image;
@@ -38,8 +38,6 @@ pub(crate) struct Assets {
     vertices: Vec<VertexRecord>,
     /// Three vertex indices and the texture projection axis per triangle.
     triangles: Vec<[u32; 4]>,
-    /// Three vertex indices per triangle, as the index buffer.
-    indices: Vec<[u32; 3]>,
     texels: Vec<u32>,
     /// Lengths of `vertices`, `triangles` and `texels` at the last upload.
     n_uploaded: [usize; 3],
@@ -50,30 +48,26 @@ pub(crate) struct Assets {
     pub(crate) min_eviction_vertices: usize,
     pub(crate) vertex_buffer: GrowableBuffer,
     pub(crate) triangle_buffer: GrowableBuffer,
-    pub(crate) index_buffer: GrowableBuffer,
     pub(crate) texel_buffer: GrowableBuffer,
 }
 
 impl Assets {
     /// Creates empty buffers.
     pub(crate) fn new(gpu: &GpuDevice) -> Self {
-        let buffer = |label, usage| GrowableBuffer::new(gpu, label, usage, u64::MAX);
-        let none = wgpu::BufferUsages::empty();
+        let buffer = |label| GrowableBuffer::new(gpu, label, u64::MAX);
         Self {
             meshes: HashMap::new(),
             textures: HashMap::new(),
             vertices: Vec::new(),
             triangles: Vec::new(),
-            indices: Vec::new(),
             texels: Vec::new(),
             n_uploaded: [0; 3],
             generation: 0,
             max_vertices: 0,
             min_eviction_vertices: MIN_EVICTION_VERTICES,
-            vertex_buffer: buffer("vertices", none),
-            triangle_buffer: buffer("triangles", none),
-            index_buffer: buffer("indices", wgpu::BufferUsages::INDEX),
-            texel_buffer: buffer("texels", none),
+            vertex_buffer: buffer("vertices"),
+            triangle_buffer: buffer("triangles"),
+            texel_buffer: buffer("texels"),
         }
     }
 
@@ -154,7 +148,6 @@ impl Assets {
         if n_vertices < self.vertices.len() {
             reallocated |= self.vertex_buffer.append(gpu, &self.vertices, n_vertices);
             reallocated |= self.triangle_buffer.append(gpu, &self.triangles, n_triangles);
-            reallocated |= self.index_buffer.append(gpu, &self.indices, n_triangles);
         }
         if n_texels < self.texels.len() {
             reallocated |= self.texel_buffer.append(gpu, &self.texels, n_texels);
@@ -178,7 +171,6 @@ impl Assets {
                 ProjectionAxis::Z => 2,
             };
             self.triangles.push([a, b, c, axis]);
-            self.indices.push([a, b, c]);
         }
         let n_triangles = mesh.triangles.len() as u32;
         ResidentMesh {
@@ -192,7 +184,6 @@ impl Assets {
     fn compact(&mut self) {
         let (vertices, triangles) =
             (core::mem::take(&mut self.vertices), core::mem::take(&mut self.triangles));
-        self.indices.clear();
         for mesh in self.meshes.values_mut() {
             let MeshRange { first_triangle, n_triangles } = mesh.range;
             let (old_first, new_first) = (mesh.first_vertex, self.vertices.len() as u32);
@@ -201,7 +192,6 @@ impl Assets {
             for &[a, b, c, axis] in &triangles[first_triangle as usize..][..n_triangles as usize] {
                 let corners = [a, b, c].map(|i| i - old_first + new_first);
                 self.triangles.push([corners[0], corners[1], corners[2], axis]);
-                self.indices.push(corners);
             }
         }
         [self.n_uploaded[0], self.n_uploaded[1]] = [0; 2];

@@ -24,8 +24,6 @@ struct View {
     side: u32,
     // Number of pixels of all preceding views of the same kind.
     first_pixel: u32,
-    // Index among the images or among the shadow maps.
-    layer: u32,
     first_instance: u32,
     // View index of the shadow map, or NONE.
     shadow_map: u32,
@@ -39,7 +37,6 @@ struct View {
     sphere_margin: f32,
     // 1 for a shadow map, 0 for an image.
     is_shadow_map: u32,
-    padding: u32,
     // Rows of the transform from the world to the view frame, or to shadow map texels and height.
     view_from_world: array<vec4f, 3>,
     ambient: vec4f,
