@@ -29,8 +29,8 @@ impl ImageDeviation {
         Self { near: fraction(&|d| d <= NEAR), far: fraction(&|d| d > FAR) }
     }
 
-    /// Returns `true` if few pixels deviate. With four samples they do at edges, where a pixel's centre may lie
-    /// outside of the triangles that it shows.
+    /// Returns `true` if few pixels deviate. With four samples they do at edges, where a pixel's centre may
+    /// lie outside of the triangles that it shows.
     fn is_small(self, samples: Samples) -> bool {
         let (min_near, max_far) = match samples {
             Samples::One => (0.995, 0.002),

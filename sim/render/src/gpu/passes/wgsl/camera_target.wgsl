@@ -1,4 +1,5 @@
-// Camera images, as a target of visibility.wgsl: front faces in perspective; keeps the id with the largest 1/z.
+// Camera images, as a target of visibility.wgsl: front faces in perspective; keeps the id with the largest
+// 1/z.
 
 // Per sample: the bits of 1/z, whose integer order equals the numeric order, above the complement of the id.
 @group(0) @binding(6) var<storage, read_write> samples: array<atomic<u64>>;

@@ -1,4 +1,5 @@
-// Shadow maps, as a target of visibility.wgsl: back faces in orthographic projection; keeps the largest height.
+// Shadow maps, as a target of visibility.wgsl: back faces in orthographic projection; keeps the largest
+// height.
 
 // Per texel the bits of the height in [0, 1], whose integer order equals the numeric order.
 @group(0) @binding(6) var<storage, read_write> texels: array<atomic<u32>>;
