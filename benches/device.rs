@@ -1,7 +1,7 @@
 //! The device of a benchmark: `--device gpu|software`.
 
 use anyhow::{Context, Result, bail};
-use policy_host::nn::gpu::{DeviceKind, GpuDevice};
+use policy_host::nn::gpu::{AdapterKind, GpuDevice};
 
 /// Usage of the option, for error messages.
 pub const DEVICE_USAGE: &str = "--device gpu|software, ";
@@ -10,7 +10,7 @@ pub const DEVICE_USAGE: &str = "--device gpu|software, ";
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BenchDevice {
     /// Kind of device, or `None` for the CPU.
-    pub kind: Option<DeviceKind>,
+    pub kind: Option<AdapterKind>,
 }
 
 impl BenchDevice {
@@ -20,8 +20,8 @@ impl BenchDevice {
     /// If the value is unknown.
     pub fn parse(&mut self, option: &str, value: &str) -> Result<bool> {
         match (option, value) {
-            ("--device", "gpu") => self.kind = Some(DeviceKind::Hardware),
-            ("--device", "software") => self.kind = Some(DeviceKind::Software),
+            ("--device", "gpu") => self.kind = Some(AdapterKind::Hardware),
+            ("--device", "software") => self.kind = Some(AdapterKind::Software),
             ("--device", _) => bail!("{option} is {value}, expected {}", DEVICE_USAGE.trim_end_matches(", ")),
             _ => return Ok(false),
         }
@@ -33,6 +33,6 @@ impl BenchDevice {
     /// # Errors
     /// If no kind was chosen, or there is no such device.
     pub fn open(self) -> Result<GpuDevice> {
-        Ok(GpuDevice::open(self.kind.context("--device is missing")?)?)
+        Ok(policy_host::nn::gpu::open(self.kind.context("--device is missing")?, None)?)
     }
 }

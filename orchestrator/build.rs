@@ -9,8 +9,9 @@ use std::process::Command;
 use xxhash_rust::xxh3::Xxh3;
 
 /// The code that results depend on, from the folder of the workspace.
-const SOURCES: [&str; 7] = [
+const SOURCES: [&str; 8] = [
     "Cargo.lock",
+    "gpu/src",
     "ipc-types/src",
     "policy-host/src",
     "run-config/src",

@@ -102,12 +102,11 @@ fn policies_without_gpu_kernels_are_named() {
 #[test]
 fn missing_devices_are_named() {
     let dir = tempfile::tempdir().unwrap();
-    for (options, wanted) in [
-        (&["--policy-device", "software"][..], "software Vulkan driver 9"),
-        (&["--policy-device", "cpu", "--renderer", "software"], "software driver 9"),
-    ] {
+    for options in
+        [&["--policy-device", "software"][..], &["--policy-device", "cpu", "--renderer", "software"]]
+    {
         let refused = evaluate(dir.path(), "missing.db", &[options, &["--gpu", "9"]].concat());
-        assert!(refused.stderr.contains(&format!("found no {wanted}")), "{}", refused.stderr);
+        assert!(refused.stderr.contains("found no software Vulkan driver 9"), "{}", refused.stderr);
         let _ = refused.expect_code(2);
     }
     let refused = evaluate(dir.path(), "missing.db", &["--gpu", "9"]).expect_code(2);

@@ -22,7 +22,7 @@ use policy_host::models::pi05::checkpoint::Pi05Checkpoint;
 use policy_host::models::synthetic::write_pi05_checkpoint;
 use policy_host::nn::gpu::ops::{DeviceWeights, OpBuilder, ProductEpilogue, SampleRows};
 use policy_host::nn::gpu::steps::{NetworkStep, run};
-use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, GpuDevice, KernelCache};
+use policy_host::nn::gpu::{DeviceBuffer, AdapterKind, GpuDevice, KernelCache};
 
 use super::{N_IMAGES, N_PROMPT, QueryBatch};
 
@@ -49,7 +49,7 @@ pub(crate) fn measure(device: BenchDevice, checkpoint: Option<&Path>, report: &m
     println!("{}", gpu.name());
     // Commas would split the CSV field.
     let note = gpu.name().replace(',', ";");
-    let is_software = device.kind == Some(DeviceKind::Software);
+    let is_software = device.kind == Some(AdapterKind::Software);
     products(&gpu, &note, is_software, report)?;
     if let Some(folder) = checkpoint {
         return queries(&gpu, &note, folder, report);
@@ -62,7 +62,7 @@ pub(crate) fn measure(device: BenchDevice, checkpoint: Option<&Path>, report: &m
 
 /// Measures the product kernel with weights in f32 and in bf16.
 fn products(gpu: &GpuDevice, note: &str, is_software: bool, report: &mut Report) -> Result<()> {
-    let batch = DeviceBuffer::batch(gpu);
+    let batch = DeviceBuffer::uniform(gpu, "batch");
     batch.write(gpu, 0, &[1_u32]);
     let values = |name: &str, len: usize| -> Vec<f32> {
         let stream = fnv1a64(name);

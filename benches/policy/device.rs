@@ -12,7 +12,7 @@ use policy_host::Policy;
 use policy_host::models::act::GpuActPolicy;
 use policy_host::models::act::checkpoint::colosseum::ActConfig;
 use policy_host::models::synthetic;
-use policy_host::nn::gpu::DeviceKind;
+use policy_host::nn::gpu::AdapterKind;
 
 use super::Batch;
 
@@ -33,7 +33,7 @@ pub(crate) fn measure(device: BenchDevice, report: &mut Report) -> Result<()> {
     // Commas would split the CSV field.
     let note = gpu.name().replace(',', ";");
     println!("{note}");
-    let is_software = device.kind == Some(DeviceKind::Software);
+    let is_software = device.kind == Some(AdapterKind::Software);
     for morphology in Morphology::ALL {
         let (size, config) = match is_software {
             false => ("full", ActConfig::full_size(morphology)),

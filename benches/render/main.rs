@@ -1,12 +1,12 @@
 //! Rendering cost of whole observations, on the CPU with one thread and with two, or on a GPU.
 //!
-//! `cargo bench -p benches --bench render -- [--renderer cpu|gpu|software] [--visibility raster|compute]
-//! [--envs N,N,…] [--peer PYTHON] [--csv FILE]`. An env-frame is all images of one env: two of 224 × 224 px,
-//! plus one of 128 × 128 px per arm. Envs differ in their seed. On the CPU the cases are interleaved, so that
-//! all of them run under the same conditions, and medians after warm-up are reported: plain, with shadows,
-//! and with shadows and four samples per pixel, each without and with static layers. With `--peer`, MuJoCo
-//! renders the same triangles, textures and cameras in alternation with ours (`peers/mujoco_render.py`,
-//! started with the given Python interpreter), and nothing else is measured.
+//! `cargo bench -p benches --bench render -- [--renderer cpu|gpu|software] [--envs N,N,…] [--peer PYTHON]
+//! [--csv FILE]`. An env-frame is all images of one env: two of 224 × 224 px, plus one of 128 × 128 px per
+//! arm. Envs differ in their seed. On the CPU the cases are interleaved, so that all of them run under the
+//! same conditions, and medians after warm-up are reported: plain, with shadows, and with shadows and four
+//! samples per pixel, each without and with static layers. With `--peer`, MuJoCo renders the same triangles,
+//! textures and cameras in alternation with ours (`peers/mujoco_render.py`, started with the given Python
+//! interpreter), and nothing else is measured.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -20,7 +20,7 @@ use benches::{Peer, Report, median};
 use ipc_types::ControlMode;
 use sim::physics::World;
 use sim::render::export::ExportedPoses;
-use sim::render::gpu::{AdapterKind, GpuOptions, Timings, VisibilityMethod};
+use sim::render::gpu::{AdapterKind, Timings};
 use sim::render::{CpuOptions, CpuRenderer, GpuRenderer, RenderScene, Renderer, Samples, View};
 use sim::scene::Snapshot;
 use sim::scene::stream::episode_seed;
@@ -35,7 +35,7 @@ const N_TURNS: u32 = 11;
 
 fn main() -> Result<()> {
     let mut options = BenchOptions::default();
-    let usage = "--renderer cpu|gpu|software, --visibility raster|compute, --envs N,N,…, --peer PYTHON, ";
+    let usage = "--renderer cpu|gpu|software, --envs N,N,…, --peer PYTHON, ";
     let mut table = Report::with_options("render", usage, |flag, value| options.parse(flag, value))?;
     if let Some(python) = &options.peer {
         compare_with_peer(python, &mut table)?;
@@ -46,13 +46,7 @@ fn main() -> Result<()> {
             match options.adapter {
                 None => measure_cpu(task, n_envs, &mut table)?,
                 Some(kind) => {
-                    measure_gpu(
-                        task,
-                        &mut RenderEnv::batch(task, n_envs, false),
-                        kind,
-                        options.visibility,
-                        &mut table,
-                    )?;
+                    measure_gpu(task, &mut RenderEnv::batch(task, n_envs, false), kind, &mut table)?;
                 }
             }
         }
@@ -64,7 +58,6 @@ fn main() -> Result<()> {
 struct BenchOptions {
     /// Kind of adapter, or `None` for the CPU renderer.
     adapter: Option<AdapterKind>,
-    visibility: Option<VisibilityMethod>,
     n_envs: Vec<u32>,
     /// Python interpreter with MuJoCo installed.
     peer: Option<PathBuf>,
@@ -72,7 +65,7 @@ struct BenchOptions {
 
 impl Default for BenchOptions {
     fn default() -> Self {
-        Self { adapter: None, visibility: None, n_envs: vec![1, 16], peer: None }
+        Self { adapter: None, n_envs: vec![1, 16], peer: None }
     }
 }
 
@@ -82,8 +75,6 @@ impl BenchOptions {
             ("--renderer", "cpu") => self.adapter = None,
             ("--renderer", "gpu") => self.adapter = Some(AdapterKind::Hardware),
             ("--renderer", "software") => self.adapter = Some(AdapterKind::Software),
-            ("--visibility", "raster") => self.visibility = Some(VisibilityMethod::Raster),
-            ("--visibility", "compute") => self.visibility = Some(VisibilityMethod::Compute),
             ("--envs", list) => {
                 let numbers = list.split(',').map(str::parse).collect::<Result<_, _>>();
                 self.n_envs = numbers.context("--envs needs a comma-separated list of numbers")?;
@@ -221,15 +212,8 @@ fn export(envs: &[RenderEnv], folder: &Path) -> Result<()> {
     std::fs::write(folder.join("poses.json"), text).context("export the poses for the peer")
 }
 
-fn measure_gpu(
-    task: TaskId,
-    envs: &mut [RenderEnv],
-    kind: AdapterKind,
-    visibility: Option<VisibilityMethod>,
-    table: &mut Report,
-) -> Result<()> {
-    let options = GpuOptions { visibility, ..GpuOptions::default() };
-    let mut renderer = GpuRenderer::open(kind, &options)?;
+fn measure_gpu(task: TaskId, envs: &mut [RenderEnv], kind: AdapterKind, table: &mut Report) -> Result<()> {
+    let mut renderer = GpuRenderer::open(kind, None, Samples::One)?;
     let note = format!("{} triangles; {}", envs[0].scene.n_triangles(), renderer.name().replace(',', ""));
     println!(
         "chunks of up to {} envs, {} MiB of device memory",

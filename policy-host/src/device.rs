@@ -56,13 +56,13 @@ pub enum DeviceError {
 #[cfg(feature = "gpu")]
 impl DeviceRequest {
     /// Returns kind and index of the adapter to open.
-    pub(crate) fn adapter(self) -> (crate::nn::gpu::DeviceKind, usize) {
-        use crate::nn::gpu::DeviceKind;
+    pub(crate) fn adapter(self) -> (crate::nn::gpu::AdapterKind, Option<usize>) {
+        use crate::nn::gpu::AdapterKind;
         let kind = match self.choice {
-            DeviceChoice::Software => DeviceKind::Software,
-            _ => DeviceKind::Hardware,
+            DeviceChoice::Software => AdapterKind::Software,
+            _ => AdapterKind::Hardware,
         };
-        (kind, self.index.unwrap_or(0) as usize)
+        (kind, self.index.map(|index| index as usize))
     }
 }
 
@@ -104,13 +104,13 @@ pub fn find(specs: &[&PolicySpec], request: DeviceRequest) -> Result<FoundDevice
 /// Opens a device and closes it again.
 #[cfg(feature = "gpu")]
 fn open(request: DeviceRequest) -> Result<FoundDevice, DeviceError> {
-    use crate::nn::gpu::{DeviceKind, GpuDevice};
+    use crate::nn::gpu::AdapterKind;
     let (kind, index) = request.adapter();
     let (choice, prefix) = match kind {
-        DeviceKind::Software => (DeviceChoice::Software, SOFTWARE),
-        DeviceKind::Hardware => (DeviceChoice::Gpu, "gpu: "),
+        AdapterKind::Software => (DeviceChoice::Software, SOFTWARE),
+        AdapterKind::Hardware => (DeviceChoice::Gpu, "gpu: "),
     };
-    let gpu = GpuDevice::open_numbered(kind, index)
+    let gpu = crate::nn::gpu::open(kind, index)
         .map_err(|error| DeviceError::Unusable { reason: error.to_string() })?;
     Ok(FoundDevice { choice, identity: Some(format!("{prefix}{}", gpu.name())) })
 }
@@ -138,10 +138,10 @@ pub fn request_of(identity: Option<&str>) -> DeviceRequest {
 /// Returns the index of the adapter with this identity among those of its kind.
 #[cfg(feature = "gpu")]
 fn index_of(identity: &str) -> Option<u32> {
-    let adapters = crate::nn::gpu::adapters::adapters();
+    let adapters = crate::nn::gpu::adapters();
     let same =
         adapters.iter().find(|adapter| identity.split_once(": ").is_some_and(|it| it.1 == adapter.name));
-    same.and_then(|adapter| adapter.number).map(|(_, index)| index as u32)
+    same.map(|adapter| adapter.index as u32)
 }
 
 #[cfg(not(feature = "gpu"))]

@@ -127,7 +127,7 @@ fn load_on_gpu(
     robots: &[Morphology],
 ) -> Result<Box<dyn Policy>, LoadError> {
     let (kind, index) = device.adapter();
-    let gpu = crate::nn::gpu::GpuDevice::open_numbered(kind, index).map_err(LoadGpuError::from)?;
+    let gpu = crate::nn::gpu::open(kind, index).map_err(LoadGpuError::from)?;
     Ok((family.load_on_gpu)(source, gpu, robots)?)
 }
 

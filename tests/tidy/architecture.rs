@@ -64,7 +64,7 @@ fn each_engine_is_used_by_one_module() {
     let iceoryx_users = ["ipc-types/src/link/", "ipc-types/tests/", "benches/transport"];
     only_in("iceoryx2", &iceoryx_users, "the link is its only user");
     only_in("rapier3d", &["sim/src/physics/", "sim/src/robot/"], "physics engine");
-    only_in("wgpu", &["sim/render/src/gpu/", "policy-host/src/nn/gpu/"], "graphics API");
+    only_in("wgpu", &["gpu/", "sim/render/src/gpu/", "policy-host/src/nn/gpu/"], "graphics API");
     only_in("faer", &["policy-host/src/nn/"], "matrix products");
     let parquet_users = ["orchestrator/src/store/demos/dataset/", "orchestrator/src/store/parquet_table.rs"];
     only_in("parquet::", &parquet_users, "the only reader and writer of Parquet files");
@@ -103,8 +103,15 @@ fn unsafe_code_is_confined() {
 
 #[test]
 fn episodes_have_no_hidden_inputs() {
-    let outside =
-        ["orchestrator/", "benches/", "tests/", "ipc-types/tests/", "policy-host/tests/", "sim/tests/"];
+    let outside = [
+        "orchestrator/",
+        "benches/",
+        "tests/",
+        "gpu/tests/",
+        "ipc-types/tests/",
+        "policy-host/tests/",
+        "sim/tests/",
+    ];
     // The batch system's limits change how many threads work, never what they compute.
     let with_limits = [&outside[..], &["run-config/src/allotment.rs"]].concat();
     only_in("env::var", &with_limits, "an episode depends on no environment variable");

@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Workspace members, which hold all Rust sources.
-pub(crate) const CRATES: [&str; 7] =
-    ["ipc-types", "run-config", "sim", "policy-host", "orchestrator", "benches", "tests"];
+pub(crate) const CRATES: [&str; 8] =
+    ["ipc-types", "run-config", "gpu", "sim", "policy-host", "orchestrator", "benches", "tests"];
 
 /// A text file of the repository.
 pub(crate) struct Source {

@@ -173,12 +173,12 @@ fn renderer_identity_is_stored_with_rows() {
     let path = folder.path().join("a.db");
     let plan = manifest("--policy idle");
     let mut results = Results::open(&path, &plan).unwrap();
-    results.set_renderer("gpu (x, raster)").unwrap();
+    results.set_renderer("gpu (x)").unwrap();
     assert_eq!(results.renderer().unwrap(), None, "no row depends on it yet");
     results.record(key(0), 7, &outcome(true, None)).unwrap();
     drop(results);
     let again = Results::open(&path, &plan).unwrap();
-    assert_eq!(again.renderer().unwrap().as_deref(), Some("gpu (x, raster)"));
+    assert_eq!(again.renderer().unwrap().as_deref(), Some("gpu (x)"));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Selection of a renderer at start-up.
 
 #[cfg(feature = "gpu")]
-use super::gpu::{AdapterKind, GpuOptions, GpuRenderer};
+use super::gpu::{AdapterKind, GpuRenderer};
 use super::renderer::{OpenRendererError, Renderer};
 use super::{CpuOptions, CpuRenderer, RendererChoice, Samples};
 
@@ -41,7 +41,7 @@ fn open_gpu(
         _ => AdapterKind::Hardware,
     };
     let index = gpu.map(|index| index as usize);
-    Ok(Box::new(GpuRenderer::open(kind, &GpuOptions { samples, index, ..GpuOptions::default() })?))
+    Ok(Box::new(GpuRenderer::open(kind, index, samples)?))
 }
 
 #[cfg(not(feature = "gpu"))]

@@ -1,18 +1,13 @@
-//! Agreement of images between the CPU and GPU renderers, and between both visibility methods.
+//! Agreement of images between the CPU and GPU renderers.
 
-use sim::render::Samples;
-use sim::render::{CpuRenderer, Renderer};
+use sim::render::{CpuOptions, CpuRenderer, Renderer, Samples};
 
-use crate::common::{PerturbationSet, VISIBILITIES, renderer, test_scenes};
+use crate::common::{PerturbationSet, renderer, test_scenes};
 
 /// Deviation in sRGB codes that most pixels must not exceed in any channel.
 const NEAR: u8 = 2;
-/// Minimum fraction of pixels that deviate by at most [`NEAR`].
-const MIN_NEAR: f64 = 0.995;
 /// Deviation in sRGB codes that only few pixels may exceed.
 const FAR: u8 = 16;
-/// Maximum fraction of pixels that deviate by more than [`FAR`].
-const MAX_FAR: f64 = 0.002;
 
 /// Deviation between two images.
 #[derive(Clone, Copy, Debug)]
@@ -34,22 +29,25 @@ impl ImageDeviation {
         Self { near: fraction(&|d| d <= NEAR), far: fraction(&|d| d > FAR) }
     }
 
-    fn is_small(self) -> bool {
-        self.near >= MIN_NEAR && self.far <= MAX_FAR
+    /// Returns `true` if few pixels deviate. With four samples they do at edges, where a pixel's centre may
+    /// lie outside of the triangles that it shows.
+    fn is_small(self, samples: Samples) -> bool {
+        let (min_near, max_far) = match samples {
+            Samples::One => (0.995, 0.002),
+            Samples::Four => (0.95, 0.02),
+        };
+        self.near >= min_near && self.far <= max_far
     }
 }
 
-/// Asserts that two renderers agree in all images, and prints the worst deviation.
-fn assert_agree(
-    label: &str,
-    set: PerturbationSet,
-    shadows: bool,
-    one: &mut dyn Renderer,
-    other: &mut dyn Renderer,
-) {
+/// Asserts that GPU and CPU agree in all images, and prints the worst deviation.
+fn assert_gpu_matches_cpu(set: PerturbationSet, samples: Samples, shadows: bool) {
+    let Some(mut gpu) = renderer(samples) else { return };
+    let mut cpu = CpuRenderer::with_options(1, CpuOptions { samples, ..CpuOptions::default() });
+    let label = format!("{}, shadows: {shadows}", gpu.name());
     let mut deviations = Vec::new();
     for scene in test_scenes(set, shadows) {
-        let pairs = scene.images(one).into_iter().zip(scene.images(other));
+        let pairs = scene.images(&mut cpu).into_iter().zip(scene.images(&mut gpu));
         let named = pairs.enumerate().map(|(camera, (a, b))| {
             (format!("{}, camera {camera}", scene.name), ImageDeviation::between(&a, &b))
         });
@@ -61,43 +59,24 @@ fn assert_agree(
         "{label}: at least {min_near:.4} near, at most {max_far:.4} far in {} images",
         deviations.len()
     );
-    deviations.retain(|(_, deviation)| !deviation.is_small());
+    deviations.retain(|(_, deviation)| !deviation.is_small(samples));
     assert!(deviations.is_empty(), "{label}: {deviations:#?}");
-}
-
-/// Asserts agreement for both visibility methods, without and with shadows.
-fn assert_gpu_matches_cpu(set: PerturbationSet) {
-    for visibility in VISIBILITIES {
-        let Some(mut gpu) = renderer(visibility, Samples::One) else { return };
-        for shadows in [false, true] {
-            let label = format!("{}, shadows: {shadows}", gpu.name());
-            assert_agree(&label, set, shadows, &mut CpuRenderer::new(1), &mut gpu);
-        }
-    }
 }
 
 #[test]
 fn gpu_matches_cpu_for_every_task() {
-    assert_gpu_matches_cpu(PerturbationSet::OnePerTask);
+    assert_gpu_matches_cpu(PerturbationSet::OnePerTask, Samples::One, false);
+    assert_gpu_matches_cpu(PerturbationSet::OnePerTask, Samples::One, true);
 }
 
 #[test]
-#[ignore = "takes minutes on a software driver; the test above covers every task, too"]
+fn gpu_matches_cpu_with_four_samples() {
+    assert_gpu_matches_cpu(PerturbationSet::OnePerTask, Samples::Four, true);
+}
+
+#[test]
+#[ignore = "takes minutes on a software driver; the tests above cover every task, too"]
 fn gpu_matches_cpu_for_every_perturbation() {
-    assert_gpu_matches_cpu(PerturbationSet::All);
-}
-
-#[test]
-fn visibility_methods_agree() {
-    for samples in [Samples::One, Samples::Four] {
-        let [one, other] = VISIBILITIES.map(|visibility| renderer(visibility, samples));
-        let (Some(mut one), Some(mut other)) = (one, other) else { return };
-        assert_agree(
-            &format!("raster and compute, {samples:?}"),
-            PerturbationSet::OnePerTask,
-            true,
-            &mut one,
-            &mut other,
-        );
-    }
+    assert_gpu_matches_cpu(PerturbationSet::All, Samples::One, false);
+    assert_gpu_matches_cpu(PerturbationSet::All, Samples::One, true);
 }

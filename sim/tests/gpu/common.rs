@@ -3,18 +3,15 @@
 use ipc_types::ControlMode;
 use sim::perturb::{Composition, Strength};
 use sim::physics::World;
-use sim::render::gpu::{AdapterKind, GpuOptions, VisibilityMethod};
+use sim::render::gpu::AdapterKind;
 use sim::render::{GpuRenderer, RenderScene, Renderer, Samples, View};
 use sim::scene::stream::episode_seed;
 use sim::scene::{Scene, Snapshot};
 use sim::{Perturbation, Profile, TaskId};
 
-pub(crate) const VISIBILITIES: [VisibilityMethod; 2] = [VisibilityMethod::Raster, VisibilityMethod::Compute];
-
 /// Opens a renderer. Returns `None` if there is no driver and none is required.
-pub(crate) fn renderer(visibility: VisibilityMethod, samples: Samples) -> Option<GpuRenderer> {
-    let options = GpuOptions { visibility: Some(visibility), samples, ..GpuOptions::default() };
-    match GpuRenderer::open(adapter_kind(), &options) {
+pub(crate) fn renderer(samples: Samples) -> Option<GpuRenderer> {
+    match GpuRenderer::open(adapter_kind(), None, samples) {
         Ok(renderer) => Some(renderer),
         Err(error) => {
             let required = std::env::var("HYPOGEUM_REQUIRE_VULKAN").is_ok_and(|value| value == "1");

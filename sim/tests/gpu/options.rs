@@ -1,26 +1,21 @@
 //! Renderer options and adapter selection.
 
-use sim::render::gpu::{AdapterKind, GpuOptions};
+use sim::render::gpu::AdapterKind;
 use sim::render::{GpuRenderer, OpenRendererError, RendererChoice, Samples, open};
 
-use crate::common::{PerturbationSet, VISIBILITIES, renderer, test_scenes};
+use crate::common::{PerturbationSet, renderer, test_scenes};
 
 #[test]
 fn four_samples_change_only_edges() {
-    for visibility in VISIBILITIES {
-        let (Some(mut one), Some(mut four)) =
-            (renderer(visibility, Samples::One), renderer(visibility, Samples::Four))
-        else {
-            return;
-        };
-        for scene in test_scenes(PerturbationSet::OnePerTask, true) {
-            for (camera, (a, b)) in scene.images(&mut one).iter().zip(scene.images(&mut four)).enumerate() {
-                let differs = |p: &[u8], q: &[u8]| p.iter().zip(q).any(|(x, y)| x.abs_diff(*y) > 2);
-                let n_changed =
-                    a.chunks_exact(3).zip(b.chunks_exact(3)).filter(|(p, q)| differs(p, q)).count();
-                let fraction = n_changed as f64 / (a.len() / 3) as f64;
-                assert!((0.002..0.15).contains(&fraction), "{}, camera {camera}: {fraction}", scene.name);
-            }
+    let (Some(mut one), Some(mut four)) = (renderer(Samples::One), renderer(Samples::Four)) else {
+        return;
+    };
+    for scene in test_scenes(PerturbationSet::OnePerTask, true) {
+        for (camera, (a, b)) in scene.images(&mut one).iter().zip(scene.images(&mut four)).enumerate() {
+            let differs = |p: &[u8], q: &[u8]| p.iter().zip(q).any(|(x, y)| x.abs_diff(*y) > 2);
+            let n_changed = a.chunks_exact(3).zip(b.chunks_exact(3)).filter(|(p, q)| differs(p, q)).count();
+            let fraction = n_changed as f64 / (a.len() / 3) as f64;
+            assert!((0.002..0.15).contains(&fraction), "{}, camera {camera}: {fraction}", scene.name);
         }
     }
 }
@@ -34,7 +29,7 @@ fn auto_opens_an_available_renderer() {
 
 #[test]
 fn missing_gpu_error_lists_adapters_found() {
-    if let Err(error) = GpuRenderer::open(AdapterKind::Hardware, &GpuOptions::default()) {
+    if let Err(error) = GpuRenderer::open(AdapterKind::Hardware, None, Samples::One) {
         let OpenRendererError::NoAdapter { found, .. } = &error else { panic!("{error}") };
         assert!(!found.is_empty() && error.to_string().contains("--renderer cpu"), "{error}");
     }

@@ -2,8 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::buffer::DeviceBuffer;
-use super::device::GpuDevice;
+use gpu::{DeviceBuffer, GpuDevice, bind_group, compute_pipeline};
 
 /// Workgroups along one axis that every device accepts.
 const MAX_GROUPS: usize = 65_535;
@@ -45,15 +44,8 @@ impl KernelCache {
         groups_yz: [u32; 2],
     ) -> Dispatch {
         let pipeline = self.0.entry(source).or_insert_with_key(|source| compile(gpu, source)).clone();
-        let entries: Vec<_> = (0..)
-            .zip(buffers)
-            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.0.as_entire_binding() })
-            .collect();
-        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: None,
-            layout: &pipeline.get_bind_group_layout(0),
-            entries: &entries,
-        });
+        let resources = buffers.iter().map(|buffer| buffer.0.as_entire_binding());
+        let group = bind_group(gpu, &pipeline.get_bind_group_layout(0), resources);
         Dispatch { pipeline, group, items_per_sample, items_per_group, groups_yz }
     }
 }
@@ -87,15 +79,5 @@ fn compile(gpu: &GpuDevice, source: &KernelSource) -> wgpu::ComputePipeline {
     };
     let constants: Vec<(&str, f64)> =
         source.constants.iter().map(|(name, value)| (*name, f64::from(*value))).collect();
-    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(source.name),
-        layout: None,
-        module: &module,
-        entry_point: Some("main"),
-        compilation_options: wgpu::PipelineCompilationOptions {
-            constants: &constants,
-            zero_initialize_workgroup_memory: false,
-        },
-        cache: None,
-    })
+    compute_pipeline(gpu, source.name, None, (&module, "main"), &constants)
 }

@@ -2,8 +2,8 @@
 //!
 //! Letters in shapes: `n` samples, `t` rows of a sample, `k` inputs, `d` model width, `c` channels.
 
-use super::buffer::DeviceBuffer;
-use super::device::GpuDevice;
+use gpu::{DeviceBuffer, GpuDevice};
+
 use super::kernel::{Dispatch, KernelCache, KernelSource};
 pub use super::weights::DeviceWeights;
 use crate::nn::conv::ConvGeometry;
@@ -153,9 +153,9 @@ impl OpBuilder<'_> {
         epilogue: ProductEpilogue,
     ) -> Dispatch {
         let rows = if positions.is_some() {
-            include_str!("wgsl/positioned_rows.wgsl")
+            include_str!("wgsl/product/positioned_rows.wgsl")
         } else {
-            include_str!("wgsl/rows.wgsl")
+            include_str!("wgsl/product/rows.wgsl")
         };
         let left = [("A_ROWS", from.of), ("A_FIRST", from.first)];
         let source = product(("linear", rows), layer, n_rows, &left, to, code(epilogue));
@@ -175,7 +175,7 @@ impl OpBuilder<'_> {
         out: &DeviceBuffer,
     ) -> Dispatch {
         let left = [("A_ROWS", n_rows), ("A_FIRST", 0)];
-        let rows = ("gated_linear", include_str!("wgsl/rows.wgsl"));
+        let rows = ("gated_linear", include_str!("wgsl/product/rows.wgsl"));
         let source = product(rows, layer, n_rows, &left, SampleRows::all(n_rows), GATED);
         let buffers = [self.batch, a, &layer.weights, gate, out];
         self.kernels.dispatch(self.gpu, source, &buffers, (n_rows, TILE), columns(layer))
@@ -202,7 +202,7 @@ impl OpBuilder<'_> {
             ("PADDING", geometry.padding),
         ];
         let n_rows = output.n_pixels();
-        let windows = ("convolution", include_str!("wgsl/windows.wgsl"));
+        let windows = ("convolution", include_str!("wgsl/product/windows.wgsl"));
         let source = product(windows, layer, n_rows, &left, SampleRows::all(n_rows), code(epilogue));
         let buffers = [self.batch, a, &layer.weights, &layer.bias, out];
         self.kernels.dispatch(self.gpu, source, &buffers, (n_rows, TILE), columns(layer))
@@ -294,8 +294,8 @@ fn product(
     let out = [("ROWS", n_rows), ("OUT_ROWS", to.of), ("OUT_FIRST", to.first), ("EPILOGUE", epilogue)];
     let (weights, format) = layer.layout.source();
     let constants = [&right[..], left, &out, format].concat();
-    let product = include_str!("wgsl/product.wgsl");
-    kernel(name, &[BATCH, rows, weights, include_str!("wgsl/epilogue.wgsl"), product], &constants)
+    let product = include_str!("wgsl/product/product.wgsl");
+    kernel(name, &[BATCH, rows, weights, include_str!("wgsl/product/epilogue.wgsl"), product], &constants)
 }
 
 const fn code(epilogue: ProductEpilogue) -> usize {

@@ -3,7 +3,8 @@
 //!
 //! Their batch counts rows or sequences, as the caller decides with [`OpBuilder::batch`].
 
-use super::buffer::DeviceBuffer;
+use gpu::DeviceBuffer;
+
 use super::kernel::Dispatch;
 use super::ops::{BATCH, OpBuilder, THREADS, TOTAL, kernel};
 

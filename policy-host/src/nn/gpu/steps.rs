@@ -1,7 +1,7 @@
 //! Steps of a network, and their encoding for a batch.
 
-use super::buffer::DeviceBuffer;
-use super::device::{GpuDevice, GpuError};
+use gpu::{DeviceBuffer, GpuDevice, GpuError};
+
 use super::kernel::Dispatch;
 
 /// A step of a batch.
@@ -51,7 +51,7 @@ impl StepRun {
 /// # Errors
 /// If the device fails.
 pub fn run(gpu: &GpuDevice, steps: &[NetworkStep], n_units: usize) -> Result<(), GpuError> {
-    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    let mut encoder = gpu.encoder();
     encode(&mut encoder, steps, n_units);
     let submission = gpu.queue.submit([encoder.finish()]);
     gpu.wait(submission)

@@ -4,12 +4,9 @@
 //! Inputs are written once, into host-visible memory, from which the device copies them before the first step
 //! of their batch. Each batch in flight has such memory of its own, which is reused after it.
 
-use std::sync::mpsc::{Receiver, Sender, channel};
-
+use gpu::{DeviceBuffer, GpuDevice, GpuError, PendingSubmission, read_mapped};
 use rayon::prelude::*;
 
-use super::buffer::DeviceBuffer;
-use super::device::{GpuDevice, GpuError};
 use super::steps::{StepRun, encode};
 
 /// Alignment of mapped ranges in bytes.
@@ -58,11 +55,8 @@ struct TransferBuffers {
 /// A submitted batch.
 #[derive(Debug)]
 pub struct BatchInFlight {
-    submission: wgpu::SubmissionIndex,
+    submission: PendingSubmission,
     buffers: TransferBuffers,
-    /// Completed mappings of the two buffers.
-    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
-    n_mapped: usize,
     /// Bytes of the result.
     n_bytes: u64,
 }
@@ -112,7 +106,7 @@ impl<const UNITS: usize> BatchQueue<UNITS> {
         assert!(counts[self.result.unit] > 0, "a batch of {counts:?} units has no result");
         let buffers = self.idle.pop().unwrap_or_else(|| self.allocate(gpu));
         self.write(gpu, &buffers.upload, counts, bytes)?;
-        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let mut encoder = gpu.encoder();
         let (upload, download) = (&buffers.upload, &buffers.download);
         for (counter, offset) in self.counters.iter().zip((0..).step_by(4)) {
             encoder.copy_buffer_to_buffer(upload, offset, &counter.count.0, 0, Some(4));
@@ -126,12 +120,10 @@ impl<const UNITS: usize> BatchQueue<UNITS> {
         }
         let n_bytes = self.result.n_bytes(counts);
         encoder.copy_buffer_to_buffer(&self.result.buffer.0, 0, download, 0, Some(n_bytes));
-        let submission = gpu.queue.submit([encoder.finish()]);
-        let (sender, mapped) = channel();
-        upload.map_async(wgpu::MapMode::Write, .., report(&sender));
-        download.map_async(wgpu::MapMode::Read, ..n_bytes, report(&sender));
+        let maps = [(upload, wgpu::MapMode::Write, upload.size()), (download, wgpu::MapMode::Read, n_bytes)];
+        let submission = PendingSubmission::new(gpu, encoder, &maps);
         gpu.check()?;
-        Ok(BatchInFlight { submission, buffers, mapped, n_mapped: 0, n_bytes })
+        Ok(BatchInFlight { submission, buffers, n_bytes })
     }
 
     /// Waits for a batch, passes its result to `read`, and takes back its memory.
@@ -144,18 +136,9 @@ impl<const UNITS: usize> BatchQueue<UNITS> {
         mut batch: BatchInFlight,
         read: impl FnOnce(&[f32]),
     ) -> Result<(), GpuError> {
-        gpu.wait(batch.submission.clone())?;
-        if !batch.is_mapped() {
-            gpu.fail("the result of a batch could not be read back");
-        }
-        gpu.check()?;
-        let download = &batch.buffers.download;
-        match download.get_mapped_range(..batch.n_bytes) {
-            Ok(bytes) => read(bytemuck::cast_slice(&bytes)),
-            Err(error) => gpu.fail(&error.to_string()),
-        }
-        download.unmap();
-        gpu.check()?;
+        batch.submission.wait(gpu)?;
+        let read = |bytes: &[u8]| read(bytemuck::cast_slice(bytes));
+        read_mapped(gpu, &batch.buffers.download, batch.n_bytes, read)?;
         self.idle.push(batch.buffers);
         Ok(())
     }
@@ -228,13 +211,7 @@ impl BatchArray {
 impl BatchInFlight {
     /// Returns `true` if the batch is complete or has failed.
     pub fn is_ready(&mut self, gpu: &GpuDevice) -> bool {
-        gpu.poll();
-        self.is_mapped() || gpu.check().is_err()
-    }
-
-    fn is_mapped(&mut self) -> bool {
-        self.n_mapped += self.mapped.try_iter().filter(Result::is_ok).count();
-        self.n_mapped == 2
+        self.submission.is_ready(gpu)
     }
 }
 
@@ -257,23 +234,12 @@ fn write_parts<'b>(
     }
 }
 
-/// Returns a callback that sends the outcome of a mapping.
-fn report(
-    sender: &Sender<Result<(), wgpu::BufferAsyncError>>,
-) -> impl FnOnce(Result<(), wgpu::BufferAsyncError>) + Send + 'static {
-    let sender = sender.clone();
-    move |result| {
-        // The receiver is gone if the batch has failed.
-        let _ = sender.send(result);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::nn::gpu::ops::OpBuilder;
     use crate::nn::gpu::steps::NetworkStep;
-    use crate::nn::gpu::{DeviceKind, KernelCache};
+    use crate::nn::gpu::{AdapterKind, KernelCache};
 
     /// Largest numbers of units. A batch has the last one once.
     const UNIT_CAPACITIES: [usize; 3] = [3, 5, 1];
@@ -289,15 +255,15 @@ mod tests {
         });
         let [from, to] = [&input, &result].map(|array| (array.buffer.clone(), array.n_words));
         let copy = NetworkStep::Copy { from, to, n_words: 3 };
-        let samples = UnitCounter { count: DeviceBuffer::batch(gpu), capacity: 4 };
+        let samples = UnitCounter { count: DeviceBuffer::uniform(gpu, "batch"), capacity: 4 };
         BatchQueue::new([samples], vec![input], vec![StepRun { unit: 0, steps: vec![copy] }], result)
     }
 
     /// Returns a queue with an input for each of two kinds of units. Its network adds each input to an array
     /// of ones, of which that of `unit` is the result, whole.
     fn queue_of_two_units(gpu: &GpuDevice, unit: usize) -> BatchQueue<3> {
-        let counters =
-            UNIT_CAPACITIES.map(|capacity| UnitCounter { count: DeviceBuffer::batch(gpu), capacity });
+        let counters = UNIT_CAPACITIES
+            .map(|capacity| UnitCounter { count: DeviceBuffer::uniform(gpu, "batch"), capacity });
         let (mut inputs, mut runs, mut sums) = (Vec::new(), Vec::new(), Vec::new());
         for (unit, n_words) in UNIT_WORDS.into_iter().enumerate() {
             let len = UNIT_CAPACITIES[unit] * n_words;
@@ -317,7 +283,7 @@ mod tests {
 
     #[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
     fn device() -> Option<GpuDevice> {
-        GpuDevice::open(DeviceKind::Software).map_err(|error| eprintln!("skipped: {error}")).ok()
+        crate::nn::gpu::open(AdapterKind::Software, None).map_err(|error| eprintln!("skipped: {error}")).ok()
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Matrices of products in device memory: in f32, or in 16 bits as a checkpoint stores them.
 
-use super::buffer::DeviceBuffer;
-use super::device::{GpuDevice, GpuError};
+use gpu::{DeviceBuffer, GpuDevice, GpuError};
+
 use crate::weights::{FloatType, StoredTensor};
 
 /// Weights and bias `[n]` of a product.
@@ -27,10 +27,14 @@ impl WeightLayout {
     /// Returns the WGSL source that loads the weights, and its constants.
     pub(crate) const fn source(self) -> (&'static str, &'static [(&'static str, usize)]) {
         match self {
-            Self::ByInput => (include_str!("wgsl/weights.wgsl"), &[]),
-            Self::Stored(FloatType::F32) => (include_str!("wgsl/stored_weights.wgsl"), &[]),
-            Self::Stored(FloatType::F16) => (include_str!("wgsl/half_weights.wgsl"), &[("IS_BF16", 0)]),
-            Self::Stored(FloatType::Bf16) => (include_str!("wgsl/half_weights.wgsl"), &[("IS_BF16", 1)]),
+            Self::ByInput => (include_str!("wgsl/product/weights.wgsl"), &[]),
+            Self::Stored(FloatType::F32) => (include_str!("wgsl/product/stored_weights.wgsl"), &[]),
+            Self::Stored(FloatType::F16) => {
+                (include_str!("wgsl/product/half_weights.wgsl"), &[("IS_BF16", 0)])
+            }
+            Self::Stored(FloatType::Bf16) => {
+                (include_str!("wgsl/product/half_weights.wgsl"), &[("IS_BF16", 1)])
+            }
         }
     }
 }
@@ -84,7 +88,7 @@ impl DeviceWeights {
         let first = tensors[0].float_type();
         let keeps_type = tensors.iter().all(|tensor| tensor.float_type() == first);
         let float_type = if keeps_type && k.is_multiple_of(2) { first } else { FloatType::F32 };
-        let (n_bytes, limit) = ((n * k * float_type.size()) as u64, gpu.max_binding());
+        let (n_bytes, limit) = ((n * k * float_type.size()) as u64, gpu.max_buffer_bytes());
         if n_bytes > limit {
             let shape = format!("a matrix [{n}, {k}] of {}", float_type.name());
             return Err(gpu.error(&format!("{shape} has {n_bytes} bytes, expected at most {limit}")));

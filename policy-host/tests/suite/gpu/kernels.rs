@@ -38,9 +38,9 @@ fn compute(
     build: impl FnOnce(&mut OpBuilder<'_>, &DeviceBuffer) -> Dispatch,
 ) -> Option<Vec<f32>> {
     let gpu = device()?;
-    let samples = UnitCounter { count: DeviceBuffer::batch(&gpu), capacity: N_SAMPLES };
+    let samples = UnitCounter { count: DeviceBuffer::uniform(&gpu, "batch"), capacity: N_SAMPLES };
     // The length of the result need not be a multiple of the number of samples.
-    let whole = UnitCounter { count: DeviceBuffer::batch(&gpu), capacity: 1 };
+    let whole = UnitCounter { count: DeviceBuffer::uniform(&gpu, "batch"), capacity: 1 };
     let buffer = DeviceBuffer::of(&gpu, "out", out);
     let mut ops = OpBuilder { gpu: &gpu, kernels: KernelCache::default(), batch: &samples.count };
     let run = StepRun { unit: 0, steps: vec![NetworkStep::Run(build(&mut ops, &buffer))] };

@@ -11,7 +11,7 @@ use std::path::Path;
 use ipc_types::Morphology;
 use policy_host::models::act::GpuActPolicy;
 use policy_host::models::act::checkpoint::colosseum::ActConfig;
-use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, GpuDevice, GpuError};
+use policy_host::nn::gpu::{AdapterKind, DeviceBuffer, GpuDevice, GpuError};
 use policy_host::policy::ensemble::Ensemble;
 use policy_host::policy::{ActionChunk, Policy, PolicyPipeline};
 use run_config::DeviceChoice;
@@ -37,10 +37,10 @@ fn load(folder: &Path, robots: &[Morphology]) -> Option<GpuActPolicy> {
 #[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
 pub(crate) fn device() -> Option<GpuDevice> {
     let kind = match device_choice() {
-        DeviceChoice::Gpu => DeviceKind::Hardware,
-        _ => DeviceKind::Software,
+        DeviceChoice::Gpu => AdapterKind::Hardware,
+        _ => AdapterKind::Software,
     };
-    match GpuDevice::open(kind) {
+    match policy_host::nn::gpu::open(kind, None) {
         Ok(gpu) => Some(gpu),
         Err(error @ GpuError::NoAdapter { .. }) => {
             assert!(!is("HYPOGEUM_REQUIRE_VULKAN", "1"), "HYPOGEUM_REQUIRE_VULKAN is set, but {error}");
@@ -144,43 +144,4 @@ fn batches_in_flight_are_answered_in_order() {
         }
     }
     assert!(pipeline.is_ready(), "nothing waits for a batch that is not there");
-}
-
-/// Runs [`allocate_beyond_the_limit`] in a process of its own, whose address space is limited.
-#[test]
-fn device_out_of_memory_is_an_error() {
-    if device_choice() != DeviceChoice::Software || device().is_none() {
-        return;
-    }
-    let mut child = std::process::Command::new(std::env::current_exe().unwrap());
-    child.args(["--exact", "gpu::allocate_beyond_the_limit", "--ignored", "--nocapture"]);
-    let output = child.output().unwrap();
-    let text =
-        [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
-    assert!(output.status.success() && text.contains("1 passed"), "{}: {text}", output.status);
-}
-
-#[test]
-#[ignore = "limits its process; another test runs it"]
-fn allocate_beyond_the_limit() {
-    const MIB: usize = 1 << 20;
-    let gpu = GpuDevice::open(DeviceKind::Software).unwrap();
-    gpu.finish_uploads().unwrap();
-    let n_pages: u64 =
-        std::fs::read_to_string("/proc/self/statm").unwrap().split(' ').next().unwrap().parse().unwrap();
-    let limit = n_pages * rustix::param::page_size() as u64 + 256 * MIB as u64;
-    let limit = rustix::process::Rlimit { current: Some(limit), maximum: Some(limit) };
-    rustix::process::setrlimit(rustix::process::Resource::As, limit).unwrap();
-    let mut buffers = Vec::new();
-    let error = loop {
-        assert!(buffers.len() < 20, "no error after {} MiB", 32 * buffers.len());
-        buffers.push(DeviceBuffer::zeroed(&gpu, "buffer", 8 * MIB));
-        if let Err(error) = gpu.finish_uploads() {
-            break error.to_string();
-        }
-    };
-    assert!(error.contains("out of memory; this process holds "), "{error}");
-    // The device stays failed.
-    drop(buffers);
-    assert_eq!(gpu.finish_uploads().unwrap_err().to_string().split(';').next(), error.split(';').next());
 }

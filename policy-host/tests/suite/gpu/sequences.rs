@@ -79,7 +79,7 @@ fn stored_weights_agree_with_f64() {
 #[test]
 fn matrix_beyond_the_device_is_refused() {
     let Some(gpu) = device() else { return };
-    let (n, k) = (gpu.max_binding() / 4096 + 1, 1024_u64);
+    let (n, k) = (gpu.max_buffer_bytes() / 4096 + 1, 1024_u64);
     let n_bytes = n * k * 4;
     let header = format!(r#"{{"0":{{"dtype":"F32","shape":[{n},{k}],"data_offsets":[0,{n_bytes}]}}}}"#);
     let folder = tempfile::tempdir().unwrap();
@@ -89,7 +89,7 @@ fn matrix_beyond_the_device_is_refused() {
     file.set_len(8 + header.len() as u64 + n_bytes).unwrap();
     let tensor = TensorFolder::open(folder.path()).unwrap().tensor("0").unwrap();
     let error = DeviceWeights::stored(&gpu, &[tensor], &[]).unwrap_err().to_string();
-    let limit = gpu.max_binding().to_string();
+    let limit = gpu.max_buffer_bytes().to_string();
     crate::assert_contains(&error, &[&format!("[{n}, {k}] of f32"), &n_bytes.to_string(), &limit]);
 }
 

@@ -1,11 +1,9 @@
 //! Asynchronous readback of rendered images.
 
-use std::sync::mpsc::{Receiver, sync_channel};
-
+use gpu::{GpuDevice, GpuError, PendingSubmission, read_mapped};
 use rayon::prelude::*;
 
-use super::device::Gpu;
-use crate::{RenderError, View};
+use crate::View;
 
 /// A CPU-readable buffer. Two of them alternate between chunks.
 pub(crate) struct Readback {
@@ -19,8 +17,7 @@ pub(crate) struct Readback {
 }
 
 struct Pending {
-    submission: wgpu::SubmissionIndex,
-    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
+    submission: PendingSubmission,
     n_bytes: u64,
 }
 
@@ -39,61 +36,46 @@ impl Readback {
     /// buffer.
     pub(crate) fn submit(
         &mut self,
-        gpu: &Gpu,
+        gpu: &GpuDevice,
         mut encoder: wgpu::CommandEncoder,
         images: &wgpu::Buffer,
         n_bytes: u64,
     ) {
         let buffer = self.reserve(gpu, n_bytes);
         encoder.copy_buffer_to_buffer(images, 0, &buffer, 0, Some(n_bytes));
-        let submission = gpu.queue.submit([encoder.finish()]);
-        let (sender, mapped) = sync_channel(1);
-        buffer.map_async(wgpu::MapMode::Read, ..n_bytes, move |result| {
-            // The receiver is gone if an earlier chunk has failed.
-            let _ = sender.send(result);
-        });
-        self.pending = Some(Pending { submission, mapped, n_bytes });
+        let maps = [(&buffer, wgpu::MapMode::Read, n_bytes)];
+        let submission = PendingSubmission::new(gpu, encoder, &maps);
+        self.pending = Some(Pending { submission, n_bytes });
     }
 
     /// Waits until the pending submission has completed.
     ///
     /// # Errors
     /// If the device fails.
-    pub(crate) fn wait(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
-        let Some(pending) = &self.pending else { return Ok(()) };
-        gpu.wait(pending.submission.clone())?;
-        if !matches!(pending.mapped.try_recv(), Ok(Ok(()))) {
-            gpu.fail("the images could not be read back".to_owned());
-        }
-        gpu.check()
+    pub(crate) fn wait(&mut self, gpu: &GpuDevice) -> Result<(), GpuError> {
+        self.pending.as_mut().map_or(Ok(()), |pending| pending.submission.wait(gpu))
     }
 
     /// Copies the images of the completed submission into its views, on the current rayon pool.
     ///
     /// # Errors
     /// If the buffer cannot be read.
-    pub(crate) fn collect(&mut self, gpu: &Gpu, views: &mut [View<'_>]) -> Result<(), RenderError> {
+    pub(crate) fn collect(&mut self, gpu: &GpuDevice, views: &mut [View<'_>]) -> Result<(), GpuError> {
         let (Some(pending), Some(buffer)) = (self.pending.take(), &self.buffer) else { return Ok(()) };
-        match buffer.get_mapped_range(..pending.n_bytes) {
-            Ok(bytes) => {
-                self.offsets.clear();
-                let mut end = 0;
-                self.offsets.extend(views.iter().map(|view| {
-                    end += view.out.len();
-                    end - view.out.len()
-                }));
-                let bytes = &bytes[..];
-                views.par_iter_mut().zip(&self.offsets).for_each(|(view, offset)| {
-                    view.out.copy_from_slice(&bytes[*offset..][..view.out.len()]);
-                });
-            }
-            Err(error) => gpu.fail(error.to_string()),
-        }
-        buffer.unmap();
-        gpu.check()
+        self.offsets.clear();
+        let mut end = 0;
+        self.offsets.extend(views.iter().map(|view| {
+            end += view.out.len();
+            end - view.out.len()
+        }));
+        read_mapped(gpu, buffer, pending.n_bytes, |bytes| {
+            views.par_iter_mut().zip(&self.offsets).for_each(|(view, offset)| {
+                view.out.copy_from_slice(&bytes[*offset..][..view.out.len()]);
+            });
+        })
     }
 
-    fn reserve(&mut self, gpu: &Gpu, n_bytes: u64) -> wgpu::Buffer {
+    fn reserve(&mut self, gpu: &GpuDevice, n_bytes: u64) -> wgpu::Buffer {
         let large_enough = self.buffer.take().filter(|buffer| buffer.size() >= n_bytes);
         let buffer = large_enough.unwrap_or_else(|| {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {

@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
-use super::adapter::{self, AdapterKind};
-use super::device::Gpu;
-use super::options::{GpuOptions, VisibilityMethod};
-use super::pipeline::ImagePipeline;
+use gpu::{AdapterKind, GpuDevice};
+
+use super::device::REQUIREMENTS;
+use super::passes::pipeline::ImagePipeline;
 use super::readback::Readback;
 use crate::Samples;
 use crate::renderer::{OpenRendererError, RenderError, Renderer, View, name_with_samples};
@@ -26,35 +26,26 @@ pub struct GpuRenderer {
     pub(crate) pipeline: ImagePipeline,
     readbacks: [Readback; 2],
     timings: Timings,
-    pub(crate) visibility: VisibilityMethod,
     samples: Samples,
-    pub(crate) gpu: Gpu,
+    pub(crate) gpu: GpuDevice,
 }
 
 impl GpuRenderer {
-    /// Opens an adapter of a kind.
+    /// Opens an adapter of a kind by its index among those of the kind, or the first that can render.
     ///
     /// # Errors
-    /// If there is none of this index, if it cannot render, or if it cannot be opened.
-    pub fn open(kind: AdapterKind, options: &GpuOptions) -> Result<Self, OpenRendererError> {
-        let selected = adapter::select(kind, options)?;
-        let visibility = selected.visibility;
-        let gpu = Gpu::open(selected)?;
-        let pipeline = ImagePipeline::new(&gpu, kind, visibility, options);
+    /// If there is none, which lists what was found, or it cannot be opened.
+    pub fn open(
+        kind: AdapterKind,
+        index: Option<usize>,
+        samples: Samples,
+    ) -> Result<Self, OpenRendererError> {
+        let gpu = GpuDevice::open(kind, index, &REQUIREMENTS)?;
+        let pipeline = ImagePipeline::new(&gpu, kind, samples);
         // Shader compilation errors are reported at this point.
-        gpu.check().map_err(|error| OpenRendererError::Device {
-            name: gpu.name.clone(),
-            message: error.to_string(),
-        })?;
+        gpu.check()?;
         let readback = || Readback::new(pipeline.limits.bytes.images);
-        Ok(Self {
-            readbacks: [readback(), readback()],
-            pipeline,
-            timings: Timings::default(),
-            visibility,
-            samples: options.samples,
-            gpu,
-        })
+        Ok(Self { readbacks: [readback(), readback()], pipeline, timings: Timings::default(), samples, gpu })
     }
 
     /// Returns the timings of the last call of [`Renderer::render`].
@@ -85,8 +76,7 @@ impl GpuRenderer {
     /// Submits the next chunk of `views`. Returns the number of its views.
     fn submit(&mut self, views: &[View<'_>], chunk_idx: usize) -> Result<usize, RenderError> {
         let start = Instant::now();
-        let descriptor = wgpu::CommandEncoderDescriptor::default();
-        let mut encoder = self.gpu.device.create_command_encoder(&descriptor);
+        let mut encoder = self.gpu.encoder();
         let (n, images) = self.pipeline.encode(&self.gpu, views, &mut encoder);
         let n_bytes = views[..n].iter().map(|view| view.out.len() as u64).sum();
         self.readbacks[chunk_idx % 2].submit(&self.gpu, encoder, images, n_bytes);
@@ -109,11 +99,7 @@ impl GpuRenderer {
 
 impl Renderer for GpuRenderer {
     fn name(&self) -> String {
-        let visibility = match self.visibility {
-            VisibilityMethod::Raster => "raster",
-            VisibilityMethod::Compute => "compute",
-        };
-        name_with_samples(format!("gpu ({}, {visibility})", self.gpu.name), self.samples)
+        name_with_samples(format!("gpu ({})", self.gpu.name()), self.samples)
     }
 
     fn identity(&self) -> String {

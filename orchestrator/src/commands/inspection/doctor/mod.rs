@@ -229,7 +229,7 @@ fn vulkan() -> Check {
 /// Lists the adapters on which policies can compute.
 #[cfg(feature = "gpu")]
 fn adapters() -> Vec<Check> {
-    let adapters = policy_host::nn::gpu::adapters::adapters();
+    let adapters = policy_host::nn::gpu::adapters();
     adapters.into_iter().map(|adapter| Check::ok("adapter", adapter.to_string())).collect()
 }
 

@@ -47,7 +47,7 @@ impl GpuActNetwork {
         let (width, horizon) = (architecture.hidden_dim, architecture.horizon);
         let n_leading = n_tokens - architecture.n_image_tokens();
         let capacity = capacity(gpu, architecture)?;
-        let batch = DeviceBuffer::batch(gpu);
+        let batch = DeviceBuffer::uniform(gpu, "batch");
         let ops = OpBuilder { gpu, kernels: KernelCache::default(), batch: &batch };
         let mut list = StepList { ops, architecture, state_dict, capacity, steps: Vec::new() };
 
@@ -179,9 +179,9 @@ fn capacity(gpu: &GpuDevice, architecture: &Architecture) -> Result<usize, GpuEr
         backbone::max_words(maps, architecture.backbone.width)
     });
     let n_bytes = groups.fold(transformer, usize::max) as u64 * 4;
-    match (gpu.max_binding() / n_bytes).min(MAX_SAMPLES as u64) {
+    match (gpu.max_buffer_bytes() / n_bytes).min(MAX_SAMPLES as u64) {
         0 => {
-            let limit = gpu.max_binding();
+            let limit = gpu.max_buffer_bytes();
             Err(gpu.error(&format!("a sample needs a buffer of {n_bytes} bytes, but it allows {limit}")))
         }
         capacity => Ok(capacity as usize),

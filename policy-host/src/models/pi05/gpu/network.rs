@@ -86,7 +86,7 @@ impl GpuPi05Network {
         let max_prompt = options.max_prefix - n_images * vision.n_patches;
         let per_sample =
             UnitCounts { images: n_images, tokens: max_prompt, rows: options.max_prefix, samples: 1 };
-        let counts = [(); N_UNITS].map(|()| DeviceBuffer::batch(gpu));
+        let counts = [(); N_UNITS].map(|()| DeviceBuffer::uniform(gpu, "batch"));
         let mut build = RunBuilder::new(gpu, source, &counts, per_sample.times(samples));
 
         let images = build.vision(vision, prefix.hidden_size)?;
@@ -268,9 +268,9 @@ fn capacity(
         horizon * gemma::max_words(expert).max(action_width),
     ];
     let n_bytes = n_words.into_iter().fold(0, usize::max) as u64 * 4;
-    match (gpu.max_binding() / n_bytes).min(MAX_SAMPLES as u64) {
+    match (gpu.max_buffer_bytes() / n_bytes).min(MAX_SAMPLES as u64) {
         0 => {
-            let limit = gpu.max_binding();
+            let limit = gpu.max_buffer_bytes();
             Err(gpu.error(&format!("a sample needs a buffer of {n_bytes} bytes, but it allows {limit}")))
         }
         capacity => Ok(capacity as usize),

@@ -1,0 +1,162 @@
+//! The passes that render a chunk of views: placement, visibility and shading.
+
+use gpu::{AdapterKind, GpuDevice};
+
+use super::buffers::ChunkBuffers;
+use super::kernels::KernelPass;
+use crate::View;
+use crate::gpu::chunk::batch::ViewBatch;
+use crate::gpu::chunk::size::{ChunkLimits, ChunkSize, samples_per_axis};
+use crate::gpu::resident::assets::Assets;
+use crate::gpu::resident::scenes::ResidentScenes;
+use crate::math::srgb::{LINEAR_SEGMENT_END, LINEAR_SEGMENT_SLOPE, SQRT_POLYNOMIAL};
+use crate::shading::{SHADOW_DEPTH_LEVELS, SHADOW_NORMAL_OFFSET_M, SPECULAR_FALLOFF, SPECULAR_VISIBILITY};
+use run_config::Samples;
+
+/// Side of the pixel tile that a workgroup shades.
+const TILE: u32 = 8;
+
+const RECORDS: &str = include_str!("wgsl/records.wgsl");
+
+/// All passes, with the chunk that is being prepared.
+pub(crate) struct ImagePipeline {
+    pub(crate) scenes: ResidentScenes,
+    pub(crate) assets: Assets,
+    pub(crate) limits: ChunkLimits,
+    /// Limit for the chunks of the current batch.
+    limit: ChunkSize,
+    batch: ViewBatch,
+    buffers: ChunkBuffers,
+    samples_per_axis: u32,
+    placement: KernelPass,
+    /// Visibility in images: largest 1/z and its triangle id per sample.
+    image_visibility: KernelPass,
+    /// Visibility in shadow maps: the largest height per texel.
+    map_visibility: KernelPass,
+    shading: KernelPass,
+    /// Workgroups that share all blocks, and those that share all large triangles.
+    visibility_groups: [[u32; 2]; 2],
+}
+
+impl ImagePipeline {
+    /// Compiles the kernels and creates minimal buffers.
+    pub(crate) fn new(gpu: &GpuDevice, kind: AdapterKind, samples: Samples) -> Self {
+        let samples_per_axis = samples_per_axis(samples);
+        let limits = ChunkLimits::new(gpu, kind, samples_per_axis);
+        let visibility = |target, samples_per_axis| {
+            let parts = [RECORDS, include_str!("wgsl/visibility.wgsl"), target];
+            KernelPass::new(gpu, &parts, &["rasterise_small", "rasterise_large"], [5, 2], samples_per_axis)
+        };
+        let placement = [RECORDS, include_str!("wgsl/placement.wgsl")];
+        let shading = [
+            &constants(),
+            RECORDS,
+            include_str!("wgsl/intersection.wgsl"),
+            include_str!("wgsl/texture.wgsl"),
+            include_str!("wgsl/lighting.wgsl"),
+            include_str!("wgsl/shading.wgsl"),
+        ];
+        Self {
+            placement: KernelPass::new(gpu, &placement, &["place"], [3, 3], 1),
+            image_visibility: visibility(include_str!("wgsl/camera_target.wgsl"), samples_per_axis),
+            map_visibility: visibility(include_str!("wgsl/shadow_map_target.wgsl"), 1),
+            shading: KernelPass::new(gpu, &shading, &["shade_tile"], [7, 1], samples_per_axis),
+            visibility_groups: match kind {
+                AdapterKind::Hardware => [[8192, 1], [2048, 1]],
+                AdapterKind::Software => [[64, 1], [32, 1]],
+            },
+            scenes: ResidentScenes::new(gpu),
+            assets: Assets::new(gpu),
+            buffers: ChunkBuffers::new(gpu, &limits.bytes),
+            limit: limits.largest,
+            limits,
+            batch: ViewBatch::default(),
+            samples_per_axis,
+        }
+    }
+
+    /// Begins a batch, which consists of several chunks.
+    pub(crate) fn begin_batch(&mut self, views: &[View<'_>]) {
+        if self.assets.has_many_meshes() {
+            self.scenes.remove_dropped();
+            self.assets.retain(&self.scenes.meshes());
+        }
+        self.limit = self.limits.for_batch(views.iter().map(|view| view.out.len() as u64 / 3).sum());
+    }
+
+    /// Uploads the next chunk of `views` and encodes the commands that render it. Returns the number of its
+    /// views and the buffer in which their images are stored consecutively.
+    pub(crate) fn encode(
+        &mut self,
+        gpu: &GpuDevice,
+        views: &[View<'_>],
+        encoder: &mut wgpu::CommandEncoder,
+    ) -> (usize, &wgpu::Buffer) {
+        let Self { scenes, assets, batch, buffers, .. } = self;
+        assets.evict_if_full(gpu);
+        let n = batch.fill(views, self.limit, scenes, assets);
+        let bytes = batch.size.bytes(self.samples_per_axis);
+        let mut reallocated = assets.upload(gpu);
+        reallocated |= scenes.upload(gpu);
+        reallocated |= buffers.reserve(gpu, &bytes);
+        buffers.views.write_at(gpu, &batch.views, 0);
+        buffers.poses.write_at(gpu, &batch.poses, 0);
+        self.bind(gpu, reallocated);
+        let Self { batch, buffers, .. } = self;
+        // Remove all blocks.
+        encoder.clear_buffer(buffers.image_blocks.buffer(), 0, Some(4));
+        encoder.clear_buffer(buffers.map_blocks.buffer(), 0, Some(4));
+        self.placement.encode(encoder, &[[batch.views.len() as u32, 1]]);
+        for (pass, result, n_bytes) in [
+            (&self.image_visibility, &buffers.samples, bytes.samples),
+            (&self.map_visibility, &buffers.heights, bytes.heights),
+        ] {
+            if n_bytes > 0 {
+                // Reset the count of large triangles.
+                encoder.clear_buffer(buffers.large_triangles.buffer(), 0, Some(4));
+                encoder.clear_buffer(result.buffer(), 0, Some(n_bytes));
+                pass.encode(encoder, &self.visibility_groups);
+            }
+        }
+        self.shading.encode(encoder, &[[(batch.max_side / TILE).pow(2), batch.n_images]]);
+        (n, buffers.images.buffer())
+    }
+
+    fn bind(&mut self, gpu: &GpuDevice, reallocated: bool) {
+        let ChunkBuffers { views, poses, instances, image_blocks, map_blocks, .. } = &self.buffers;
+        let ChunkBuffers { large_triangles, samples, heights, images, .. } = &self.buffers;
+        let Assets { vertex_buffer, triangle_buffer, texel_buffer, .. } = &self.assets;
+        let placed = [views, &self.scenes.buffer, poses, instances, image_blocks, map_blocks];
+        self.placement.bind(gpu, &placed, reallocated);
+        for (pass, blocks, result) in [
+            (&mut self.image_visibility, image_blocks, samples),
+            (&mut self.map_visibility, map_blocks, heights),
+        ] {
+            let buffers = [views, instances, vertex_buffer, triangle_buffer, blocks, large_triangles, result];
+            pass.bind(gpu, &buffers, reallocated);
+        }
+        let shaded =
+            [views, instances, vertex_buffer, triangle_buffer, texel_buffer, samples, heights, images];
+        self.shading.bind(gpu, &shaded, reallocated);
+    }
+
+    /// Returns the memory of all buffers whose size depends on the chunk, in bytes.
+    pub(crate) fn chunk_bytes(&self) -> u64 {
+        self.buffers.n_bytes()
+    }
+}
+
+/// Formats the constants of `render/shading.rs` and `math/srgb.rs` as WGSL. `{:?}` prints floats so that they
+/// parse back exactly.
+fn constants() -> String {
+    let coefficients = SQRT_POLYNOMIAL.map(|c| format!("{c:?}")).join(", ");
+    format!(
+        "const SPECULAR_FALLOFF: f32 = {SPECULAR_FALLOFF:?};\n\
+         const SPECULAR_VISIBILITY: f32 = {SPECULAR_VISIBILITY:?};\n\
+         const SHADOW_NORMAL_OFFSET_M: f32 = {SHADOW_NORMAL_OFFSET_M:?};\n\
+         const SHADOW_DEPTH_LEVELS: f32 = {SHADOW_DEPTH_LEVELS:?};\n\
+         const LINEAR_SEGMENT_END: f32 = {LINEAR_SEGMENT_END:?};\n\
+         const LINEAR_SEGMENT_SLOPE: f32 = {LINEAR_SEGMENT_SLOPE:?};\n\
+         const SQRT_POLYNOMIAL = array<f32, 7>({coefficients});\n"
+    )
+}
