@@ -66,8 +66,8 @@ pub(crate) fn draw(
                 && !lines_of_sight.are_blocked_by(&body.aabb(pose))
         };
         let found = (0..MAX_OBJECT_DRAWS).find_map(|_| {
-            let kind = kinds.choose(DistractorKind::ALL);
-            let body = draw_body(name, &(kind.make)(&mut stream(kind.name)), episode_seed);
+            let kind = kinds.choose(DistractorKind::all());
+            let body = draw_body(name, &kind.sample(&mut stream(kind.name())), episode_seed);
             let mut candidates = (0..MAX_POSE_DRAWS).map(|_| draw_pose(spec, &mut poses));
             let pose = candidates.find(|pose| is_clear(&body, pose))?;
             Some(Body { pose, ..body })
@@ -88,9 +88,9 @@ fn drop(spec: &DistractorsSpec, bodies: &[Body], episode_seed: u64) -> Vec<Body>
         |name: &&&str| Stream::new(episode_seed, &format!("{name}/chance")).unit() < spec.presence;
     let draw = |name: &&'static str| {
         let stream = |of: &str| Stream::new(episode_seed, &format!("{name}/{of}"));
-        let (mut place, kind) = (stream("place"), stream("kind").choose(DistractorKind::ALL));
+        let (mut place, kind) = (stream("place"), stream("kind").choose(DistractorKind::all()));
         let [x, y] = [spec.x, spec.y].map(|range| place.uniform(range));
-        let body = draw_body(name, &(kind.make)(&mut stream(kind.name)), episode_seed);
+        let body = draw_body(name, &kind.sample(&mut stream(kind.name())), episode_seed);
         Body { pose: Isometry3::translation(x, y, z), ..body }
     };
     NAMES[..spec.n].iter().filter(is_present).map(draw).collect()
