@@ -18,7 +18,12 @@ pub(crate) struct Seam {
 }
 
 impl Seam {
-    pub(crate) fn add_to(&self, builder: &mut DistractorBuilder, appearance: AppearanceSpec) {
+    pub(crate) fn add_to(
+        &self,
+        builder: &mut DistractorBuilder,
+        at: Isometry3<f64>,
+        appearance: AppearanceSpec,
+    ) {
         // Seam curve on the sphere of radius a + b:
         // x = a cos t + b cos 3t, y = a sin t − b sin 3t, z = 2 √(a b) sin 2t.
         const A: f64 = 0.72;
@@ -38,13 +43,13 @@ impl Seam {
             let [x, y] = [onwards.x.abs(), onwards.y * onwards.x.signum()];
             let turn = [x + (x * x + y * y).sqrt(), 0.0, 0.0, y];
             let strip = VisualShape::Primitive(Primitive::Box { half: self.strip });
-            builder.visual(strip, outwards * pose([0.0; 3], turn), appearance);
+            builder.visual(strip, at * outwards * pose([0.0; 3], turn), appearance);
         }
     }
 }
 
-/// A solid that tapers towards both ends, along a parabola in the xy plane whose ends lie at ±y. Its underside
-/// is level, so that the thin ends rest on the table too.
+/// A solid that tapers towards both ends, along a parabola in the xy plane whose ends lie at ±y. Its
+/// underside is level, so that the thin ends rest on the table too.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Bow {
@@ -61,19 +66,24 @@ pub(crate) struct Bow {
 }
 
 impl Bow {
-    pub(crate) fn add_to(&self, builder: &mut DistractorBuilder, appearance: AppearanceSpec) {
+    pub(crate) fn add_to(
+        &self,
+        builder: &mut DistractorBuilder,
+        at: Isometry3<f64>,
+        appearance: AppearanceSpec,
+    ) {
         let [n_colliders, n_visuals] = self.segments;
         for [from, to] in segments(n_colliders) {
             let radius = self.radius(f64::midpoint(from, to));
             let (half_height, pose) = between(self.point(from, radius), self.point(to, radius));
-            builder.collider(Primitive::Capsule { radius, half_height }, pose);
+            builder.collider(Primitive::Capsule { radius, half_height }, at * pose);
         }
         for ends in segments(n_visuals) {
             let [low, high] = ends.map(|t| self.radius(t));
             let (half, pose) = between(self.point(ends[0], low), self.point(ends[1], high));
             let (z, flare) = (half + self.overlap, (high - low) / (2.0 * half) * self.overlap);
             let profile = vec![[0.0, -z], [low - flare, -z], [high + flare, z], [0.0, z]];
-            builder.visual(VisualShape::Lathe { profile }, pose, appearance);
+            builder.visual(VisualShape::Lathe { profile }, at * pose, appearance);
         }
     }
 

@@ -8,7 +8,7 @@ use super::builder::{DistractorBuilder, IDENTITY, pose};
 use super::distractor::Distractor;
 use super::outline::outline;
 use super::paint::Paint;
-use super::recipe::{File, Group, Recipe, ShapeStep, Step, Turn};
+use super::recipe::{File, Recipe, RecipeStep, Rotation, ShapeStep, StepGroup};
 use super::shape::{Extrusion, Lathe, Shape};
 use super::surface::{Surface, column};
 use crate::stream::Stream;
@@ -46,11 +46,11 @@ struct Place<'a> {
 }
 
 impl<'a> Interpreter<'a> {
-    fn run(&mut self, steps: &'a [Step], place: Place<'a>) {
+    fn run(&mut self, steps: &'a [RecipeStep], place: Place<'a>) {
         for step in steps {
             match step {
-                Step::Vivid { vivid } => self.draw_vivid(vivid),
-                Step::Let { r#let, of, vary, times } => {
+                RecipeStep::Vivid { vivid } => self.draw_vivid(vivid),
+                RecipeStep::Let { r#let, of, vary, times } => {
                     let mut paint = self.choose(of);
                     if *vary {
                         paint.color = self.vary_brightness(paint.color);
@@ -58,24 +58,24 @@ impl<'a> Interpreter<'a> {
                     paint.color = core::array::from_fn(|i| times[i] * paint.color[i]);
                     self.paints.insert(r#let, paint);
                 }
-                Step::OneOf { one_of } => {
+                RecipeStep::OneOf { one_of } => {
                     let steps = self.stream.choose(one_of);
                     self.run(steps, place);
                 }
-                Step::Chance { chance, then, r#else } => {
+                RecipeStep::Chance { chance, then, r#else } => {
                     let steps = if self.stream.unit() < *chance { then } else { r#else };
                     self.run(steps, place);
                 }
-                Step::Use { r#use, at, turn, surface } => {
-                    let local = pose(*at, turn.as_ref().map_or(IDENTITY, Turn::quat));
+                RecipeStep::Use { r#use, at, turn, surface } => {
+                    let local = pose(*at, turn.as_ref().map_or(IDENTITY, Rotation::quat));
                     let surface = surface.as_ref().or(place.surface);
                     let steps = match r#use {
-                        Group::Named(name) => &self.shared.groups[name],
-                        Group::Steps(steps) => steps,
+                        StepGroup::Named(name) => &self.shared.groups[name],
+                        StepGroup::Steps(steps) => steps,
                     };
                     self.run(steps, Place { frame: place.frame * local, surface });
                 }
-                Step::Shape(step) => self.add_copies(step, place),
+                RecipeStep::Shape(step) => self.add_copies(step, place),
             }
         }
     }
@@ -109,7 +109,7 @@ impl<'a> Interpreter<'a> {
         })
     }
 
-    fn add_copies(&mut self, step: &'a ShapeStep, place: Place) {
+    fn add_copies(&mut self, step: &ShapeStep, place: Place) {
         for pose in step.poses() {
             let appearance = step.paint.as_ref().map(|paints| self.choose(paints.as_slice()));
             let pose = place.frame * pose;
@@ -125,14 +125,14 @@ impl<'a> Interpreter<'a> {
 
     fn add_visual(
         &mut self,
-        shape: &'a Shape,
+        shape: &Shape,
         pose: Isometry3<f64>,
         surface: Option<&Surface>,
         appearance: AppearanceSpec,
     ) {
         match shape {
-            Shape::Seam(seam) => seam.add_to(&mut self.builder, appearance),
-            Shape::Bow(bow) => bow.add_to(&mut self.builder, appearance),
+            Shape::Seam(seam) => seam.add_to(&mut self.builder, pose, appearance),
+            Shape::Bow(bow) => bow.add_to(&mut self.builder, pose, appearance),
             Shape::Band(_) | Shape::Panel(_) | Shape::Print(_) | Shape::Picture(_) => {
                 let surface = surface.expect("prints belong to a group with a surface");
                 for (on_surface, shape) in surface.prints(shape) {

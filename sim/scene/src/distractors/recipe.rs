@@ -1,4 +1,4 @@
-//! Recipes of distractor objects, as the files under `kinds/` contain them; `mod.rs` documents their format.
+//! Recipes of distractor objects. `kinds/README.md` documents their format.
 
 use core::slice::from_ref;
 use std::collections::BTreeMap;
@@ -13,13 +13,12 @@ use super::shape::Shape;
 use super::surface::Surface;
 
 /// One file.
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-#[derive(Default)]
 pub(crate) struct File {
     pub(crate) vivid: Vec<Paint>,
     pub(crate) profiles: BTreeMap<String, Vec<[f64; 2]>>,
-    pub(crate) groups: BTreeMap<String, Vec<Step>>,
+    pub(crate) groups: BTreeMap<String, Vec<RecipeStep>>,
     pub(crate) kind: Vec<Recipe>,
 }
 
@@ -33,7 +32,7 @@ pub(crate) struct Recipe {
     pub(crate) friction: f64,
     #[serde(default)]
     pub(crate) rolls: bool,
-    pub(crate) steps: Vec<Step>,
+    pub(crate) steps: Vec<RecipeStep>,
 }
 
 fn default_friction() -> f64 {
@@ -43,7 +42,7 @@ fn default_friction() -> f64 {
 /// One step of a recipe.
 #[derive(Deserialize)]
 #[serde(untagged, deny_unknown_fields)]
-pub(crate) enum Step {
+pub(crate) enum RecipeStep {
     Vivid {
         vivid: Vec<String>,
     },
@@ -56,19 +55,19 @@ pub(crate) enum Step {
         times: [f64; 3],
     },
     OneOf {
-        one_of: Vec<Vec<Step>>,
+        one_of: Vec<Vec<RecipeStep>>,
     },
     Chance {
         chance: f64,
-        then: Vec<Step>,
+        then: Vec<RecipeStep>,
         #[serde(default)]
-        r#else: Vec<Step>,
+        r#else: Vec<RecipeStep>,
     },
     Use {
-        r#use: Group,
+        r#use: StepGroup,
         #[serde(default)]
         at: [f64; 3],
-        turn: Option<Turn>,
+        turn: Option<Rotation>,
         surface: Option<Surface>,
     },
     Shape(ShapeStep),
@@ -81,9 +80,9 @@ fn ones() -> [f64; 3] {
 /// Steps given by the name of a group or in place.
 #[derive(Deserialize)]
 #[serde(untagged)]
-pub(crate) enum Group {
+pub(crate) enum StepGroup {
     Named(String),
-    Steps(Vec<Step>),
+    Steps(Vec<RecipeStep>),
 }
 
 /// A shape with its places.
@@ -95,7 +94,7 @@ pub(crate) struct ShapeStep {
     #[serde(default)]
     at: OneOrMany<[f64; 3]>,
     #[serde(default)]
-    turn: OneOrMany<Turn>,
+    turn: OneOrMany<Rotation>,
     ring: Option<Ring>,
     pub(crate) paint: Option<OneOrMany<Paint>>,
     #[serde(default)]
@@ -135,8 +134,8 @@ impl Ring {
 /// A rotation.
 #[derive(Deserialize)]
 #[serde(untagged)]
-pub(crate) enum Turn {
-    Named(TurnName),
+pub(crate) enum Rotation {
+    Named(NamedRotation),
     Quaternion(Quat),
     /// Turns the z axis to a unit vector.
     Towards([f64; 3]),
@@ -145,7 +144,7 @@ pub(crate) enum Turn {
 /// A rotation that has a name.
 #[derive(Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum TurnName {
+pub(crate) enum NamedRotation {
     None,
     ZToX,
     ZToY,
@@ -153,23 +152,23 @@ pub(crate) enum TurnName {
     XToYToZ,
 }
 
-impl Turn {
+impl Rotation {
     pub(crate) fn quat(&self) -> Quat {
         match *self {
-            Self::Named(TurnName::None) => IDENTITY,
-            Self::Named(TurnName::ZToX) => Z_TO_X,
-            Self::Named(TurnName::ZToY) => [1.0, -1.0, 0.0, 0.0],
-            Self::Named(TurnName::YToZ) => [1.0, 1.0, 0.0, 0.0],
-            Self::Named(TurnName::XToYToZ) => [1.0, 1.0, 1.0, 1.0],
+            Self::Named(NamedRotation::None) => IDENTITY,
+            Self::Named(NamedRotation::ZToX) => Z_TO_X,
+            Self::Named(NamedRotation::ZToY) => [1.0, -1.0, 0.0, 0.0],
+            Self::Named(NamedRotation::YToZ) => [1.0, 1.0, 0.0, 0.0],
+            Self::Named(NamedRotation::XToYToZ) => [1.0, 1.0, 1.0, 1.0],
             Self::Quaternion(quat) => quat,
             Self::Towards(axis) => z_axis_to(axis),
         }
     }
 }
 
-impl Default for Turn {
+impl Default for Rotation {
     fn default() -> Self {
-        Self::Named(TurnName::None)
+        Self::Named(NamedRotation::None)
     }
 }
 

@@ -11,10 +11,10 @@ use super::parts::{Painter, draw_parts, draw_visuals};
 use crate::distractors::{Distractor, DistractorKind};
 use crate::drawn::{Body, Robot};
 use crate::mass::Mass;
-use crate::placement::{DistractorPlacement, DistractorsSpec};
 use crate::range::Range;
 use crate::robot::kinematics::{self, Joints};
 use crate::spec::{CameraSpec, Motion, RenderParts, Role};
+use crate::spec::{DistractorPlacement, DistractorsSpec};
 use crate::stream::Stream;
 
 /// Body names, which also name the random streams. Their number limits the distractor objects of a scene.
