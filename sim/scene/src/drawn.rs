@@ -2,11 +2,11 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
+use super::appearance::Texture;
 use super::mass::Mass;
-use super::primitive::{Aabb, Primitive};
+use super::shape::VisualShape;
+use super::shape::{Aabb, Primitive};
 use super::spec::{CameraMount, CameraSlot, Motion, Role, TableKind};
-use super::texture::Texture;
-use super::visual_shape::VisualShape;
 
 /// Appearance of a part or visual.
 #[derive(Clone, Copy, Debug, PartialEq)]

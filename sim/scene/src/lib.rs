@@ -5,37 +5,28 @@
 //! modified afterwards. This crate depends on neither the physics engine nor the renderer.
 
 mod appearance;
-mod color;
 pub mod distractors;
 mod draw;
 mod drawn;
-mod instruction;
 mod mass;
-mod placement;
-mod primitive;
 mod range;
 pub mod robot;
+mod shape;
 mod snapshot;
 mod spec;
 pub mod stream;
-mod texture;
-mod visual_shape;
 
-pub use appearance::{AppearanceSpec, AppearanceVariation};
-pub use color::{decode_srgb, rgb, srgb};
+pub use appearance::{AppearanceSpec, AppearanceVariation, Texture, decode_srgb, rgb, srgb};
 pub use drawn::{
     Appearance, Background, Body, Camera, DirectionalLight, Lights, Part, Robot, Scene, Table, Visual,
 };
-pub use instruction::{InstructionSource, InstructionSpec};
 pub use mass::Mass;
-pub use placement::{DistractorPlacement, DistractorsSpec, PlacementSpec, RegionSpec, WidenedRanges};
-pub use primitive::{Aabb, Primitive};
 pub use range::Range;
+pub use shape::{Aabb, Primitive, VisualShape, rounded_rectangle};
 pub use snapshot::{ArmLinks, Link, N_LINKS, Snapshot};
 pub use spec::{
-    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalLightSpec, Jitter, JointKind,
-    JointSpec, LightsSpec, Motion, PartSpec, RenderParts, RobotSpec, Role, ScaleAxes, ScaledBy, SceneSpec,
-    SizesSpec, TableKind, TableSpec, VisualSpec,
+    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalLightSpec, DistractorPlacement,
+    DistractorsSpec, InstructionSource, InstructionSpec, Jitter, JointKind, JointSpec, LightsSpec, Motion,
+    PartSpec, PlacementSpec, RegionSpec, RenderParts, RobotSpec, Role, ScaleAxes, ScaledBy, SceneSpec,
+    SizesSpec, TableKind, TableSpec, VisualSpec, WidenedRanges,
 };
-pub use texture::Texture;
-pub use visual_shape::{VisualShape, rounded_rectangle};

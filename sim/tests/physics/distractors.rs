@@ -23,12 +23,12 @@ const STEPS: usize = 40;
 /// Calls `f` for every kind and seed, in parallel.
 fn for_all_kinds<T: Send>(f: impl Fn(&'static DistractorKind, u64) -> T + Sync) -> Vec<T> {
     let all: Vec<_> =
-        DistractorKind::ALL.iter().flat_map(|kind| (0..SEEDS).map(move |seed| (kind, seed))).collect();
+        DistractorKind::all().iter().flat_map(|kind| (0..SEEDS).map(move |seed| (kind, seed))).collect();
     all.into_par_iter().map(|(kind, seed)| f(kind, seed)).collect()
 }
 
 fn make(kind: &DistractorKind, seed: u64) -> Distractor {
-    (kind.make)(&mut Stream::new(seed, kind.name))
+    kind.sample(&mut Stream::new(seed, kind.name()))
 }
 
 /// Returns how far an object placed on a table at a random yaw translates (m) and rotates (rad) within two
@@ -45,7 +45,7 @@ fn drift(kind: &'static DistractorKind, seed: u64) -> [f64; 2] {
         yaw: Range::new(0.0, 2.0 * PI),
     };
     spec.bodies = vec![BodySpec {
-        name: kind.name,
+        name: kind.name(),
         role: Role::Distractor,
         motion: Motion::Dynamic,
         scaled_by: ScaledBy::Nothing("it is a distractor"),
@@ -75,7 +75,7 @@ fn drift(kind: &'static DistractorKind, seed: u64) -> [f64; 2] {
 fn objects_stay_at_rest_on_the_table() {
     for_all_kinds(|kind, seed| {
         let [moved, turned] = drift(kind, seed);
-        assert!(moved < 5.1e-4 && turned < 0.009, "{} {seed}: {moved} m, {turned} rad", kind.name);
+        assert!(moved < 5.1e-4 && turned < 0.009, "{} {seed}: {moved} m, {turned} rad", kind.name());
     });
 }
 
@@ -176,17 +176,17 @@ fn defects(kind: &'static DistractorKind, seed: u64) -> Vec<String> {
 fn objects_satisfy_all_requirements() {
     let reports = for_all_kinds(|kind, seed| {
         let defects = defects(kind, seed);
-        defects.iter().map(|defect| format!("{} {seed} {defect}\n", kind.name)).collect::<String>()
+        defects.iter().map(|defect| format!("{} {seed} {defect}\n", kind.name())).collect::<String>()
     });
     assert_eq!(reports.concat(), "");
 }
 
 #[test]
 fn kinds_vary_and_have_unique_names() {
-    let kinds = DistractorKind::ALL;
+    let kinds = DistractorKind::all();
     assert!(kinds.len() >= 40, "{} kinds", kinds.len());
     for (i, kind) in kinds.iter().enumerate() {
-        assert!(kinds[..i].iter().all(|other| other.name != kind.name), "{} occurs twice", kind.name);
-        assert!(make(kind, 0).visuals != make(kind, 1).visuals, "{} does not vary", kind.name);
+        assert!(kinds[..i].iter().all(|other| other.name() != kind.name()), "{} occurs twice", kind.name());
+        assert!(make(kind, 0).visuals != make(kind, 1).visuals, "{} does not vary", kind.name());
     }
 }

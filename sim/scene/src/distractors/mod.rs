@@ -1,23 +1,20 @@
 //! Catalogue of distractor objects: everyday objects that no task mentions.
 //!
-//! Each kind is one function that samples an object (its size, colours and print) from a stream; one file
-//! holds the kinds of one theme. Placement on the table is the concern of `scene/draw/distractors.rs`.
+//! The objects are data: the files under `kinds/`, one per theme, are embedded and interpreted. Placement on
+//! the table is the concern of `draw/distractors.rs`.
+//!
+//! To add an object, append it to a file; `kinds/README.md` documents the format.
 
-mod appearance;
-mod balls;
-mod banana;
-mod bottles;
 mod builder;
-mod cans;
-mod cartons;
-mod catalogue;
-mod cutlery;
+mod curve;
 mod distractor;
-mod fruit;
-mod kitchenware;
-mod tools;
-mod toys;
+mod interpreter;
+mod kind;
+mod outline;
+mod paint;
+mod recipe;
+mod shape;
+mod surface;
 
-pub use catalogue::DistractorKind;
 pub use distractor::Distractor;
-pub use fruit::APPLE_PROFILE;
+pub use kind::{DistractorKind, apple_profile};

@@ -2,12 +2,12 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use crate::appearance::Texture;
 use crate::appearance::{AppearanceSpec, AppearanceVariation};
 use crate::drawn::{Appearance, Background, DirectionalLight, Lights, Table};
 use crate::range::Range;
 use crate::spec::{BackgroundSpec, LightsSpec, TableSpec};
 use crate::stream::Stream;
-use crate::texture::Texture;
 
 /// Draws the appearance of each table part independently, except that a resampled colour is shared by the
 /// whole table. The plate above the lower table has a colour of its own.

@@ -11,10 +11,10 @@ use super::parts::{Painter, draw_parts, draw_visuals};
 use crate::distractors::{Distractor, DistractorKind};
 use crate::drawn::{Body, Robot};
 use crate::mass::Mass;
-use crate::placement::{DistractorPlacement, DistractorsSpec};
 use crate::range::Range;
 use crate::robot::kinematics::{self, Joints};
 use crate::spec::{CameraSpec, Motion, RenderParts, Role};
+use crate::spec::{DistractorPlacement, DistractorsSpec};
 use crate::stream::Stream;
 
 /// Body names, which also name the random streams. Their number limits the distractor objects of a scene.
@@ -66,8 +66,8 @@ pub(crate) fn draw(
                 && !lines_of_sight.are_blocked_by(&body.aabb(pose))
         };
         let found = (0..MAX_OBJECT_DRAWS).find_map(|_| {
-            let kind = kinds.choose(DistractorKind::ALL);
-            let body = draw_body(name, &(kind.make)(&mut stream(kind.name)), episode_seed);
+            let kind = kinds.choose(DistractorKind::all());
+            let body = draw_body(name, &kind.sample(&mut stream(kind.name())), episode_seed);
             let mut candidates = (0..MAX_POSE_DRAWS).map(|_| draw_pose(spec, &mut poses));
             let pose = candidates.find(|pose| is_clear(&body, pose))?;
             Some(Body { pose, ..body })
@@ -88,9 +88,9 @@ fn drop(spec: &DistractorsSpec, bodies: &[Body], episode_seed: u64) -> Vec<Body>
         |name: &&&str| Stream::new(episode_seed, &format!("{name}/chance")).unit() < spec.presence;
     let draw = |name: &&'static str| {
         let stream = |of: &str| Stream::new(episode_seed, &format!("{name}/{of}"));
-        let (mut place, kind) = (stream("place"), stream("kind").choose(DistractorKind::ALL));
+        let (mut place, kind) = (stream("place"), stream("kind").choose(DistractorKind::all()));
         let [x, y] = [spec.x, spec.y].map(|range| place.uniform(range));
-        let body = draw_body(name, &(kind.make)(&mut stream(kind.name)), episode_seed);
+        let body = draw_body(name, &kind.sample(&mut stream(kind.name())), episode_seed);
         Body { pose: Isometry3::translation(x, y, z), ..body }
     };
     NAMES[..spec.n].iter().filter(is_present).map(draw).collect()

@@ -11,11 +11,11 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use self::parts::{Painter, draw_parts, draw_visuals, scale_translation};
 use super::drawn::{Body, Camera, Robot, Scene};
-use super::placement::{PlacementSpec, RegionSpec};
-use super::primitive::Aabb;
+use super::shape::Aabb;
 use super::spec::{
     BodySpec, CameraSpec, Jitter, JointKind, JointSpec, Motion, RobotSpec, ScaleAxes, SceneSpec,
 };
+use super::spec::{PlacementSpec, RegionSpec};
 use crate::robot::panda::{LOWER, UPPER};
 use crate::stream::{Stream, placement_seed};
 

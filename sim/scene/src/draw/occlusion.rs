@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::drawn::Body;
-use crate::primitive::Aabb;
+use crate::shape::Aabb;
 use crate::spec::{CameraMount, CameraSpec, Role};
 
 /// A line of sight from a camera to a point of an object, in world coordinates.

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Translation3, Vector3};
 use super::appearance;
 use crate::appearance::AppearanceSpec;
 use crate::drawn::{Appearance, Part, Visual};
-use crate::primitive::factors_along;
+use crate::shape::factors_along;
 use crate::spec::{PartSpec, RenderParts, VisualSpec};
 
 /// Draws the appearances of a body's render parts.

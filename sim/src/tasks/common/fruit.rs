@@ -6,7 +6,7 @@ use core::f64::consts::FRAC_PI_2;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{movable, srgb};
-use scene::distractors::APPLE_PROFILE;
+use scene::distractors::apple_profile;
 use scene::{
     AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, RenderParts, ScaleAxes, VisualShape, VisualSpec,
 };
@@ -86,7 +86,7 @@ pub(crate) fn tomato(region: usize, surface_z_m: f64) -> BodySpec {
 /// which it stands.
 pub(crate) fn apple(region: usize, surface_z_m: f64) -> BodySpec {
     let skin = skin_appearance([190, 28, 32]);
-    let profile = APPLE_PROFILE.iter().map(|point| point.map(|x| x * APPLE_RADIUS)).collect();
+    let profile = apple_profile().iter().map(|point| point.map(|x| x * APPLE_RADIUS)).collect();
     let [radius, half_height] = APPLE_BASE;
     let parts = vec![
         PartSpec::at(Primitive::Ball { radius: APPLE_RADIUS }, [0.0; 3], skin),

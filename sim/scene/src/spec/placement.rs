@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, UnitQuaternion};
 
-use super::range::Range;
+use crate::range::Range;
 
 /// An axis-aligned rectangle of the ground plane from which the positions of one or more bodies are sampled.
 #[derive(Clone, Debug, PartialEq)]

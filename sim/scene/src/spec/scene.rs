@@ -2,13 +2,13 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::appearance::AppearanceSpec;
 use super::instruction::InstructionSpec;
-use super::mass::Mass;
 use super::placement::{DistractorsSpec, PlacementSpec, RegionSpec};
-use super::primitive::Primitive;
-use super::range::Range;
-use super::visual_shape::VisualShape;
+use crate::appearance::AppearanceSpec;
+use crate::mass::Mass;
+use crate::range::Range;
+use crate::shape::Primitive;
+use crate::shape::VisualShape;
 
 /// Role of a body in the task. Colour, texture and size perturbations select bodies by role.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
