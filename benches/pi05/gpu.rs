@@ -22,7 +22,7 @@ use policy_host::models::pi05::checkpoint::Pi05Checkpoint;
 use policy_host::models::synthetic::write_pi05_checkpoint;
 use policy_host::nn::gpu::ops::{DeviceWeights, OpBuilder, ProductEpilogue, SampleRows};
 use policy_host::nn::gpu::steps::{NetworkStep, run};
-use policy_host::nn::gpu::{DeviceBuffer, AdapterKind, GpuDevice, KernelCache};
+use policy_host::nn::gpu::{AdapterKind, DeviceBuffer, GpuDevice, KernelCache};
 
 use super::{N_IMAGES, N_PROMPT, QueryBatch};
 

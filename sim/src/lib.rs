@@ -6,11 +6,9 @@
 mod counting;
 pub mod demo;
 pub mod expert;
-pub mod fingerprint;
 pub mod perturb;
 pub mod physics;
 pub mod predicate;
-pub mod profile;
 pub mod robot;
 pub mod serve;
 pub mod show;
@@ -19,7 +17,7 @@ pub mod tasks;
 pub mod trajectory;
 
 pub use perturb::Perturbation;
-pub use profile::Profile;
 pub use render;
 pub use scene;
+pub use task::profile::Profile;
 pub use tasks::TaskId;

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::source::{assert_none, files_below, manifest, root, rust_sources};
+use crate::source::{assert_none, files_below, manifest, relative, root, rust_sources};
 
 /// Maximum length of a source file: a longer one holds more than one idea.
 const MAX_LINES: usize = 450;
@@ -68,10 +68,32 @@ fn each_engine_is_used_by_one_module() {
     only_in("faer", &["policy-host/src/nn/"], "matrix products");
     let parquet_users = ["orchestrator/src/store/demos/dataset/", "orchestrator/src/store/parquet_table.rs"];
     only_in("parquet::", &parquet_users, "the only reader and writer of Parquet files");
-    let rusqlite_users =
-        ["orchestrator/src/store/results", "tests/", "benches/conclusions", "benches/autotune.rs"];
+    let rusqlite_users = [
+        "orchestrator/src/store/results",
+        "orchestrator/tests/",
+        "tests/",
+        "benches/conclusions",
+        "benches/autotune.rs",
+    ];
     only_in("rusqlite", &rusqlite_users, "the only writer of results");
     only_in("anyhow", &["orchestrator/", "benches/"], "libraries have typed errors");
+}
+
+#[test]
+fn results_columns_stand_in_one_list() {
+    let list = "orchestrator/src/store/results/columns.rs";
+    let text = fs::read_to_string(root().join(list)).unwrap();
+    let declared = text.lines().filter_map(|line| line.split_once(" = \"")?.1.split('"').next());
+    // Names of one word are words that other things have, too.
+    let names: Vec<&str> = declared.filter(|name| name.contains('_')).collect();
+    assert!(names.len() > 5, "found only the columns {names:?}");
+    let tests = ["orchestrator/tests/", "orchestrator/src/study/report/tests.rs", "tests/", "benches/"];
+    for name in names {
+        only_in(&format!("\"{name}\""), &[&[list], &tests[..]].concat(), "a column is named once");
+    }
+    let statements =
+        ["orchestrator/src/store/results/schema.rs", "orchestrator/src/store/results/manifest.rs"];
+    only_in("FROM episodes", &[&statements[..], &tests[..]].concat(), "statements stand in one file");
 }
 
 #[test]
@@ -149,7 +171,7 @@ fn task_is_one_short_listed_file() {
     let list = fs::read_to_string(root().join("sim/src/tasks/mod.rs")).unwrap();
     for path in files_below(&root().join("sim/src/tasks")) {
         let name = path.file_stem().unwrap().to_str().unwrap();
-        let is_shared = name == "mod" || path.parent().unwrap().ends_with("common");
+        let is_shared = name == "mod" || relative(&path).contains("/common/");
         if path.extension().is_none_or(|extension| extension != "rs") || is_shared {
             continue;
         }

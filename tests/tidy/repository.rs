@@ -1,6 +1,8 @@
 //! The files of the repository: none is unused, and none is large without a reason.
 
+use std::collections::BTreeSet;
 use std::fs;
+use std::path::{Path, PathBuf};
 
 use crate::source::{Source, assert_none, files_below, relative, root, rust_sources};
 
@@ -25,6 +27,11 @@ const LARGE_FILES: [(&str, &str); 16] = [
     ("docs/images/gallery.png", "one image of each of the 28 tasks"),
     ("docs/images/perturbations.png", "one row of images per perturbation"),
 ];
+/// Maximum number of files and folders in a folder of sources.
+const MAX_ENTRIES: usize = 12;
+/// Folders with more, each with the reason for it.
+const LARGE_FOLDERS: [(&str, &str); 2] =
+    [("sim/src/tasks", "one file per task"), ("sim/src/tasks/paraphrases", "one file per task")];
 /// Files that tools find by their name or location.
 const FOUND_BY_NAME: [&str; 10] = [
     "README.md",
@@ -49,6 +56,35 @@ fn large_files_are_listed_with_a_reason() {
         .filter(|path| !LARGE_FILES.iter().any(|(listed, _)| path.starts_with(listed)))
         .collect();
     assert_none(&large, "files above 256 KiB are listed in tests/tidy/repository.rs with their reason");
+}
+
+#[test]
+fn source_folders_are_small() {
+    let folders: BTreeSet<PathBuf> = files_below(&root())
+        .into_iter()
+        .flat_map(|path| path.ancestors().skip(1).map(Path::to_owned).collect::<Vec<_>>())
+        .filter(|folder| folder.starts_with(root()))
+        .filter(|folder| relative(folder).split('/').any(|part| part == "src"))
+        .collect();
+    assert!(folders.len() > 50, "found only {} folders of sources", folders.len());
+    let large: Vec<String> = folders
+        .iter()
+        .map(|folder| (relative(folder), fs::read_dir(folder).unwrap().count()))
+        .filter(|(path, n)| *n > MAX_ENTRIES && !LARGE_FOLDERS.iter().any(|(listed, _)| path == listed))
+        .map(|(path, n)| format!("{path}: {n} entries"))
+        .collect();
+    assert_none(&large, "folders with more than 12 entries want sub-folders");
+}
+
+#[test]
+fn module_with_children_is_a_mod_file() {
+    let beside: Vec<String> = rust_sources()
+        .into_iter()
+        .filter(|source| root().join(source.path.trim_end_matches(".rs")).is_dir())
+        .map(|source| source.path)
+        .filter(|path| path.contains("/src/"))
+        .collect();
+    assert_none(&beside, "a module with children is `name/mod.rs`, not `name.rs` beside `name/`");
 }
 
 #[test]

@@ -20,9 +20,10 @@ use serde::{Deserialize, Serialize};
 use super::error::LinkError;
 use super::lane_spec::LaneSpec;
 use super::lease::DomainLease;
-use super::shm::SHM;
+use super::management;
 use super::type_names::Ipc;
-use super::{budget, management};
+use crate::link::memory::budget;
+use crate::link::memory::shm::SHM;
 
 /// Folder of iceoryx2's descriptions of services, below the root.
 const SERVICES: &str = "services";

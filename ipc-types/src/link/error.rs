@@ -7,8 +7,8 @@ use iceoryx2::port::listener::ListenerWaitError;
 use iceoryx2::port::{LoanError, ReceiveError, SendError};
 use thiserror::Error;
 
-use super::budget::BudgetError;
-use super::shortage::Shortage;
+use crate::link::memory::budget::BudgetError;
+use crate::link::memory::shortage::Shortage;
 
 /// Errors that can occur while joining a domain, setting up a lane, or exchanging messages.
 ///

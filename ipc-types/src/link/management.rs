@@ -13,7 +13,7 @@ use std::path::Path;
 use rustix::fs::{AtFlags, CWD, Mode, OFlags};
 
 use super::error::LinkError;
-use super::shm::SHM;
+use crate::link::memory::shm::SHM;
 
 /// End of the segment's name in iceoryx2 0.10.0: the SHA-1 of the type name
 /// `iceoryx2::node::global_management_segment::State`, and the version.

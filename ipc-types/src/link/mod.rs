@@ -15,32 +15,25 @@
 //! | `hyp/lane/<lane>/wake` | event | sim → host |
 //! | `hyp/sim/wake` | event | every host → sim |
 
-mod budget;
 mod domain;
+pub(crate) mod ends;
 mod error;
-mod host;
 mod lane_spec;
 mod lease;
 mod management;
+pub(crate) mod memory;
 mod node;
-mod prefault;
-mod receiver;
 mod retry;
-mod sender;
 mod services;
-mod shm;
-mod shortage;
-mod sim;
 mod type_names;
-mod wake;
 
-pub use budget::{BudgetError, check_budget};
 pub use domain::Domain;
+pub use ends::host::{ActionLoan, HostLane, ObservationMessage};
+pub use ends::sim::{ActionMessage, ObservationLoan, SimLane, SimLink};
 pub use error::LinkError;
-pub use host::{ActionLoan, HostLane, ObservationMessage};
 pub use lane_spec::LaneSpec;
 pub use lease::DomainLease;
+pub use memory::budget::{BudgetError, check_budget};
+pub use memory::shm::SHM;
+pub use memory::shortage::Shortage;
 pub use node::LinkNode;
-pub use shm::SHM;
-pub use shortage::Shortage;
-pub use sim::{ActionMessage, ObservationLoan, SimLane, SimLink};

@@ -8,8 +8,8 @@ use super::domain::Domain;
 use super::error::LinkError;
 use super::lease::DomainLease;
 use super::management;
-use super::shortage::Shortage;
 use super::type_names::Ipc;
+use crate::link::memory::shortage::Shortage;
 
 /// A process's membership in a domain, from which its lanes are opened. Joining also cleans up after exited
 /// members.

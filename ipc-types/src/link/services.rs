@@ -17,9 +17,9 @@ use super::error::LinkError;
 use super::lane_spec::LaneSpec;
 use super::node::LinkNode;
 use super::retry::AttemptError;
-use super::shortage::Shortage;
 use super::type_names::Ipc;
 use crate::layout::Page;
+use crate::link::memory::shortage::Shortage;
 
 /// A publish-subscribe service whose messages are pages with a header `H`.
 pub(crate) type MessageService<H> = PortFactory<Ipc, [Page], H>;

@@ -1,8 +1,8 @@
 //! The interface between the supervisor and the world: child processes, their messages, shared memory that
 //! they leave behind, and time.
 //!
-//! The supervisor does nothing but through this trait and its observer, so that a simulated world can replace the
-//! real one.
+//! The supervisor does nothing but through this trait and its observer, so that a simulated world can
+//! replace the real one.
 
 use std::io;
 use std::path::PathBuf;

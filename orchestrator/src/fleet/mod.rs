@@ -2,8 +2,8 @@
 //! shut down.
 //!
 //! A fleet owns the processes, the run's shared-memory domain and the queue of episodes. It knows nothing of
-//! results files or terminals: everything it reports goes to an observer. There is one event enum and one loop
-//! ([`supervisor`]), and every wait in that loop is bounded.
+//! results files or terminals: everything it reports goes to an observer. There is one event enum and one
+//! loop ([`supervisor`]), and every wait in that loop is bounded.
 
 mod children;
 mod config;

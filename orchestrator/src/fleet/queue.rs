@@ -6,8 +6,8 @@ use sim::serve::protocol::Driver;
 
 use crate::plan::jobs::{DriverJobs, Job, JobList};
 
-/// A queue from which jobs disappear that are unwanted when their turn comes. Each driver has a limit of its own, so that one that does not
-/// finish its episodes holds nobody else up.
+/// A queue from which jobs disappear that are unwanted when their turn comes. Each driver has a limit of its
+/// own, so that one that does not finish its episodes holds nobody else up.
 pub(crate) struct JobQueue {
     drivers: Vec<DriverQueue>,
     /// `true` if no driver may get far ahead of another that still has jobs.

@@ -1,5 +1,5 @@
-//! The receiver of the events of a run, which it hands on: to the results file, to the rule that ends cells early,
-//! to the display and to the trace.
+//! The receiver of the events of a run, which it hands on: to the results file, to the rule that ends cells
+//! early, to the display and to the trace.
 
 use run_config::trace;
 

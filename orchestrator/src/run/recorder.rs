@@ -32,8 +32,8 @@ pub(crate) struct Recorder<'a> {
 }
 
 impl<'a> Recorder<'a> {
-    /// Opens or creates the results file of a plan, and notes the plan in it. Also returns the episodes that are
-    /// left.
+    /// Opens or creates the results file of a plan, and notes the plan in it. Also returns the episodes that
+    /// are left.
     ///
     /// # Errors
     /// If the file is not one of this plan, or cannot be read and written.
@@ -112,8 +112,8 @@ impl<'a> Recorder<'a> {
         self.results.check_n_finished(self.n_stored)
     }
 
-    /// Says how to go on after a run that ended in an error, and adds its time to that of the earlier ones. If
-    /// the time cannot be stored either, the error of the run is still the one to report.
+    /// Says how to go on after a run that ended in an error, and adds its time to that of the earlier ones.
+    /// If the time cannot be stored either, the error of the run is still the one to report.
     pub(crate) fn on_failure(&self) {
         if self.n_done + self.n_finished == 0 {
             return;

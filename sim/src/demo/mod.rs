@@ -10,7 +10,7 @@ use ipc_types::{ControlMode, Morphology};
 use thiserror::Error;
 
 use crate::expert::{self, Expert, MotionPlanError};
-use crate::fingerprint::Fingerprint;
+use crate::physics::fingerprint::Fingerprint;
 use crate::physics::{Parameters, World};
 use crate::predicate::{Predicate, first_unmet};
 use crate::show::EpisodeSpec;

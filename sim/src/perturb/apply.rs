@@ -3,8 +3,8 @@
 use core::f64::consts::{FRAC_1_SQRT_2, PI};
 
 use super::{Modality, Perturbation, Strength};
-use crate::profile::{Profile, ProfileRules};
 use crate::task::Task;
+use crate::task::profile::{Profile, ProfileRules};
 use crate::tasks::TaskId;
 use scene::{
     AppearanceSpec, BodySpec, CameraMount, CameraSpec, InstructionSource, Jitter, LightsSpec, Range,

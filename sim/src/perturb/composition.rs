@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::{Modality, NotApplicable, Perturbation, Strength};
-use crate::profile::Profile;
 use crate::task::Task;
+use crate::task::profile::Profile;
 use scene::SceneSpec;
 
 /// Separator between the names of combined perturbations.

@@ -8,8 +8,8 @@ use run_config::{LanguageFile, LanguageFileError};
 use saphyr::{LoadableYamlNode, Yaml};
 use thiserror::Error;
 
-use crate::profile::{Profile, ProfileRules};
 use crate::task::Task;
+use crate::task::profile::{Profile, ProfileRules};
 use scene::{InstructionSource, SceneSpec};
 
 /// Sentences for the perturbation Language-Paraphrase, per env id.

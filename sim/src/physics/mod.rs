@@ -6,6 +6,7 @@
 mod arm;
 mod bodies;
 mod convert;
+pub mod fingerprint;
 mod hooks;
 mod hull;
 mod joint;

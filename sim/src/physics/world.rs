@@ -10,7 +10,7 @@ use super::arm::Arm;
 use super::convert::{from_pose, from_vector};
 use super::hooks::ArmContacts;
 use super::{ArmState, BodyState, Parameters, WorldState, bodies};
-use crate::fingerprint::Fingerprint;
+use crate::physics::fingerprint::Fingerprint;
 use scene::robot::panda::{N_DOFS, N_JOINTS};
 use scene::{JointKind, Motion, Scene, Snapshot};
 

@@ -8,8 +8,8 @@ use crate::expert::{Expert, MotionPlanError, write_hold_action};
 use crate::perturb::{Composition, Strength};
 use crate::physics::World;
 use crate::predicate::first_unmet;
-use crate::profile::Profile;
 use crate::task::Task;
+use crate::task::profile::Profile;
 use crate::tasks::TaskId;
 use scene::{Scene, Snapshot};
 

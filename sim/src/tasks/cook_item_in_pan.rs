@@ -5,17 +5,18 @@ use core::f64::consts::FRAC_PI_2;
 use ipc_types::Morphology;
 use nalgebra::{Point3, Vector3};
 
-use super::common::cooking::{
+use super::common::kitchen::cooking::{
     PAN_INSIDE, PAN_Z, STOVE_BOXES, WALL_SLOPE, carry, pan, pan_middle, pan_rim, stove,
 };
-use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, fruit, region, single_arm};
+use super::common::kitchen::fruit;
+use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::{Profile, ProfileRules};
 use crate::robot::control::gripper_command;
+use crate::task::profile::{Profile, ProfileRules};
+use crate::task::{Category, Task};
 use scene::robot::panda::TIP_BEYOND_TCP;
 use scene::{Range, RegionSpec, Scene, SceneSpec, WidenedRanges};
-use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {
     env_id: "CookItemInPan-v1",

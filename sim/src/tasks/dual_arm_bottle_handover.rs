@@ -6,13 +6,13 @@ use core::f64::consts::FRAC_PI_2;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::bottle::{self, BOTTLE_RADIUS};
+use super::common::kitchen::bottle::{self, BOTTLE_RADIUS};
 use super::common::{ExternalCameras, bimanual, region};
 use crate::expert::{Move, both_arms, first_feasible, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use scene::{Range, Scene, SceneSpec};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{Range, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "DualArmPickBottle-v1",

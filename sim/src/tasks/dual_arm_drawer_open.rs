@@ -5,12 +5,12 @@ use nalgebra::Isometry3;
 
 use super::common::bimanual;
 use super::common::bimanual_plan::BimanualPlan;
-use super::common::drawer_unit::{CAMERAS, DRAWERS, DrawerPull, TRAVEL, bodies, placement_region};
+use super::common::furniture::drawer_unit::{CAMERAS, DRAWERS, DrawerPull, TRAVEL, bodies, placement_region};
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use scene::{Scene, SceneSpec};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "DualArmDrawerOpen-v1",

@@ -5,13 +5,13 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::bimanual_plan::BimanualPlan;
-use super::common::drawer_unit::{CAMERAS, CARCASS, DRAWERS, DrawerPull, bodies, placement_region};
+use super::common::furniture::drawer_unit::{CAMERAS, CARCASS, DRAWERS, DrawerPull, bodies, placement_region};
 use super::common::{self, BIMANUAL_TABLE_Z, BLUE, bimanual, region};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use scene::{BodySpec, Range, ScaledBy, Scene, SceneSpec};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{BodySpec, Range, ScaledBy, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "DualArmDrawerPlace-v1",

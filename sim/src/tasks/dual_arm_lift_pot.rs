@@ -6,12 +6,13 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::bimanual_plan::BimanualPlan;
-use super::common::{LIFT_CAMERAS, bimanual, lifted, pot, region};
+use super::common::kitchen::pot;
+use super::common::{LIFT_CAMERAS, bimanual, lifted, region};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use scene::{Range, Scene, SceneSpec};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{Range, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "DualArmLiftPot-v1",

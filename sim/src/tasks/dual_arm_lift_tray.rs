@@ -6,13 +6,13 @@ use ipc_types::Morphology;
 use nalgebra::Vector3;
 
 use super::common::bimanual_plan::BimanualPlan;
-use super::common::tray;
+use super::common::kitchen::tray;
 use super::common::{LIFT_CAMERAS, QPOS_B, bimanual, lifted, region};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use scene::{Range, Scene, SceneSpec};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{Range, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "DualArmLiftTray-v1",

@@ -4,13 +4,13 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::common::pen_and_cap::{self, CAP_MIDDLE, CAP_OPENING, PEN_TIP};
+use super::common::objects::pen_and_cap::{self, CAP_MIDDLE, CAP_OPENING, PEN_TIP};
 use super::common::{ExternalCameras, QPOS_B, bimanual, region};
 use crate::expert::{Move, both_arms, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::Profile;
-use scene::{Range, Scene, SceneSpec};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{Range, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "DualArmPenCap-v1",

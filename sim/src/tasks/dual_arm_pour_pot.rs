@@ -6,12 +6,15 @@ use core::f64::consts::PI;
 use ipc_types::Morphology;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, fruit, pot, region, tray};
+use super::common::kitchen::fruit;
+use super::common::kitchen::pot;
+use super::common::kitchen::tray;
+use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, region};
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::{Profile, ProfileRules};
-use scene::{BodySpec, PlacementSpec, Range, Role, Scene, SceneSpec};
+use crate::task::profile::{Profile, ProfileRules};
 use crate::task::{Category, Task};
+use scene::{BodySpec, PlacementSpec, Range, Role, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "DualArmPourPot-v1",
@@ -51,7 +54,14 @@ fn nominal(profile: Profile) -> SceneSpec {
         ..tray::tray(0)
     };
     let regions = vec![region("pot", Range::fixed(0.1), Range::symmetric(0.1))];
-    bimanual(pot::QPOS, 0.0, &LIFT_CAMERAS, regions, vec![pot::pot(0, pot::PAINTED), tomato, tray], TASK.instruction)
+    bimanual(
+        pot::QPOS,
+        0.0,
+        &LIFT_CAMERAS,
+        regions,
+        vec![pot::pot(0, pot::PAINTED), tomato, tray],
+        TASK.instruction,
+    )
 }
 
 /// Requires the tomato's origin to be near the tray's along the world's axes and 5 to 75 mm above the table.

@@ -10,9 +10,9 @@ use super::common::{
 };
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use scene::{AppearanceSpec, Range, Scene, SceneSpec};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{AppearanceSpec, Range, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "DualArmPushBox-v1",

@@ -6,9 +6,9 @@ use super::common::stacking::{self, CubeTransfer};
 use super::common::{QPOS_B, bimanual, region};
 use crate::expert::{Move, TcpGoal};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use scene::{Range, Scene, SceneSpec};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{Range, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "DualArmStack3Cube-v1",

@@ -7,13 +7,13 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::bimanual_plan::BimanualPlan;
-use super::common::ring_and_needle::{self, NEEDLE_LENGTH, RING_Z};
+use super::common::objects::ring_and_needle::{self, NEEDLE_LENGTH, RING_Z};
 use super::common::{ExternalCameras, bimanual, region};
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::{Profile, ProfileRules};
-use scene::{Range, Scene, SceneSpec};
+use crate::task::profile::{Profile, ProfileRules};
 use crate::task::{Category, Task};
+use scene::{Range, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "DualArmThreading-v1",

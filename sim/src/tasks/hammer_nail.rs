@@ -5,15 +5,15 @@ use core::f64::consts::{FRAC_PI_2, FRAC_PI_3};
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Translation3, Vector3};
 
-use super::common::tools::{self, HAMMER_FACE, HAMMER_HALF_THICKNESS, NAIL_HALF_LENGTH, NAIL_HEAD_RADIUS};
+use super::common::objects::tools::{self, HAMMER_FACE, HAMMER_HALF_THICKNESS, NAIL_HALF_LENGTH, NAIL_HEAD_RADIUS};
 use super::common::{
     ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, fixed, region, single_arm,
 };
 use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use scene::{AppearanceSpec, BodySpec, Range, Scene, SceneSpec};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{AppearanceSpec, BodySpec, Range, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "HammerNail-v1",

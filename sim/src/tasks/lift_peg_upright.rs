@@ -10,10 +10,10 @@ use super::common::{
 };
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
-use crate::profile::{Profile, ProfileRules};
 use crate::robot::control;
-use scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
+use crate::task::profile::{Profile, ProfileRules};
 use crate::task::{Category, Task};
+use scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "LiftPegUprightColosseumV2-v1",

@@ -5,13 +5,13 @@ use core::f64::consts::{FRAC_PI_2, PI};
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::common::cabinet::{DOOR_HANDLE, ORIGIN_Z, drawer_over_door};
+use super::common::furniture::cabinet::{DOOR_HANDLE, ORIGIN_Z, drawer_over_door};
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
-use crate::profile::{Profile, ProfileRules};
-use scene::{DistractorsSpec, Range, RegionSpec, Scene, SceneSpec, TableKind, WidenedRanges};
+use crate::task::profile::{Profile, ProfileRules};
 use crate::task::{Category, Task};
+use scene::{DistractorsSpec, Range, RegionSpec, Scene, SceneSpec, TableKind, WidenedRanges};
 
 pub(crate) const TASK: Task = Task {
     env_id: "OpenCabinet-v1",

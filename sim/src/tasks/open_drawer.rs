@@ -5,13 +5,13 @@ use core::f64::consts::FRAC_PI_8;
 use ipc_types::Morphology;
 use nalgebra::Vector3;
 
-use super::common::cabinet::{DRAWER_TRAVEL, ORIGIN_Z, drawer_grasp, drawer_over_door};
+use super::common::furniture::cabinet::{DRAWER_TRAVEL, ORIGIN_Z, drawer_grasp, drawer_over_door};
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use scene::{Range, Scene, SceneSpec, TableKind};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{Range, Scene, SceneSpec, TableKind};
 
 pub(crate) const TASK: Task = Task {
     env_id: "OpenDrawer-v1",

@@ -5,16 +5,16 @@ use core::f64::consts::{FRAC_PI_6, FRAC_PI_8};
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Translation3, Vector3};
 
-use super::common::hole::Hole;
+use super::common::objects::hole::Hole;
 use super::common::{
     self, DENSITY, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region,
     single_arm, srgb,
 };
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::{Profile, ProfileRules};
-use scene::{AppearanceSpec, BodySpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
+use crate::task::profile::{Profile, ProfileRules};
 use crate::task::{Category, Task};
+use scene::{AppearanceSpec, BodySpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "PegInsertionSideColosseumV2-v1",

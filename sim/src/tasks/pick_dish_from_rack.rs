@@ -3,12 +3,13 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::common::{ExternalCameras, dish, region, single_arm};
+use super::common::kitchen::dish;
+use super::common::{ExternalCameras, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
-use crate::profile::{Profile, ProfileRules};
-use scene::{BodySpec, PlacementSpec, Range, RegionSpec, Scene, SceneSpec};
+use crate::task::profile::{Profile, ProfileRules};
 use crate::task::{Category, Task};
+use scene::{BodySpec, PlacementSpec, Range, RegionSpec, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "PickDishFromRack-v1",

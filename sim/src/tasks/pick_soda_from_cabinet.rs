@@ -4,16 +4,15 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{
-    ExternalCameras, SINGLE_TABLE_Z, box_part, can, fixed, movable, region, rgb, single_arm, srgb,
-};
+use super::common::kitchen::can;
+use super::common::{ExternalCameras, SINGLE_TABLE_Z, box_part, fixed, movable, region, rgb, single_arm, srgb};
 use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::Predicate;
-use crate::profile::{Profile, ProfileRules};
+use crate::task::profile::{Profile, ProfileRules};
+use crate::task::{Category, Task};
 use scene::{
     AppearanceSpec, BodySpec, PlacementSpec, Range, RenderParts, Role, ScaledBy, Scene, SceneSpec, Texture,
 };
-use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {
     env_id: "PickSodaFromCabinet-v1",

@@ -3,12 +3,14 @@
 use ipc_types::Morphology;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::common::{ExternalCameras, SINGLE_TABLE_Z, book, bookcase, fixed, movable, region, single_arm};
+use super::common::objects::book;
+use super::common::furniture::bookcase;
+use super::common::{ExternalCameras, SINGLE_TABLE_Z, fixed, movable, region, single_arm};
 use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::{Profile, ProfileRules};
-use scene::{BodySpec, Range, RegionSpec, RenderParts, ScaledBy, Scene, SceneSpec, WidenedRanges};
+use crate::task::profile::{Profile, ProfileRules};
 use crate::task::{Category, Task};
+use scene::{BodySpec, Range, RegionSpec, RenderParts, ScaledBy, Scene, SceneSpec, WidenedRanges};
 
 pub(crate) const TASK: Task = Task {
     env_id: "PlaceBookInShelf-v1",

@@ -3,14 +3,14 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::cabinet::drawer_grasp;
-use super::common::chest::{TRAVEL, chest_of_drawers};
+use super::common::furniture::cabinet::drawer_grasp;
+use super::common::furniture::chest::{TRAVEL, chest_of_drawers};
 use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::{Profile, ProfileRules};
-use scene::{BodySpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, WidenedRanges};
+use crate::task::profile::{Profile, ProfileRules};
 use crate::task::{Category, Task};
+use scene::{BodySpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, WidenedRanges};
 
 pub(crate) const TASK: Task = Task {
     env_id: "PlaceCubeInDrawer-v1",

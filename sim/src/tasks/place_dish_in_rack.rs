@@ -5,12 +5,13 @@ use core::f64::consts::{FRAC_PI_2, TAU};
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::common::{ExternalCameras, dish, region, single_arm};
+use super::common::kitchen::dish;
+use super::common::{ExternalCameras, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::Profile;
-use scene::{BodySpec, Range, Scene, SceneSpec};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{BodySpec, Range, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "PlaceDishInRack-v1",

@@ -6,16 +6,16 @@ use core::f64::consts::{FRAC_PI_3, FRAC_PI_4, FRAC_PI_8, PI};
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::common::hole::Hole;
+use super::common::objects::hole::Hole;
 use super::common::{
     self, BLUE, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region,
     single_arm, srgb,
 };
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use scene::{AppearanceSpec, BodySpec, Range, ScaledBy, Scene, SceneSpec};
+use crate::task::profile::Profile;
 use crate::task::{Category, Task};
+use scene::{AppearanceSpec, BodySpec, Range, ScaledBy, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "PlugChargerColosseumV2-v1",

@@ -7,9 +7,9 @@ use super::common::{
 };
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
-use crate::profile::{Profile, ProfileRules};
-use scene::{Range, Scene, SceneSpec};
+use crate::task::profile::{Profile, ProfileRules};
 use crate::task::{Category, Task};
+use scene::{Range, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "RaiseCube-v1",

@@ -4,14 +4,14 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::common::arrow::{SECTIONS, arrow};
+use super::common::objects::arrow::{SECTIONS, arrow};
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
-use crate::profile::{Profile, ProfileRules};
+use crate::task::profile::{Profile, ProfileRules};
+use crate::task::{Category, Task};
 use scene::robot::panda::TIP_BEYOND_TCP;
 use scene::{Range, Scene, SceneSpec};
-use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {
     env_id: "RotateArrow-v1",

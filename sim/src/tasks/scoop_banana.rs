@@ -5,14 +5,13 @@ use core::f64::consts::PI;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::common::{
-    ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, fixed, region, rgb, single_arm, tools,
-};
+use super::common::objects::tools;
+use super::common::{ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, fixed, region, rgb, single_arm};
 use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::Predicate;
-use crate::profile::{Profile, ProfileRules};
-use scene::{AppearanceSpec, BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
+use crate::task::profile::{Profile, ProfileRules};
 use crate::task::{Category, Task};
+use scene::{AppearanceSpec, BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "ScoopBanana-v1",

@@ -8,9 +8,9 @@ use nalgebra::Vector3;
 use super::common::{self, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, single_arm};
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
-use crate::profile::{Profile, ProfileRules};
-use scene::{BodySpec, Range, RegionSpec, Role, Scene, SceneSpec};
+use crate::task::profile::{Profile, ProfileRules};
 use crate::task::{Category, Task};
+use scene::{BodySpec, Range, RegionSpec, Role, Scene, SceneSpec};
 
 pub(crate) const TASK: Task = Task {
     env_id: "StackCubeColosseumV2-v1",

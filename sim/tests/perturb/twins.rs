@@ -4,9 +4,9 @@
 use ipc_types::ControlMode;
 use rayon::prelude::*;
 use sim::expert::Expert;
-use sim::fingerprint::Fingerprint;
 use sim::perturb::{Composition, Modality, Strength};
 use sim::physics::World;
+use sim::physics::fingerprint::Fingerprint;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::{Appearance, Background, Lights, Scene, Snapshot, Table};
 use sim::{Perturbation, Profile, TaskId};

@@ -4,8 +4,8 @@ use ipc_types::ControlMode;
 use nalgebra::Translation3;
 use rayon::prelude::*;
 use sim::expert::{Move, grasp};
-use sim::fingerprint::Fingerprint;
 use sim::physics::World;
+use sim::physics::fingerprint::Fingerprint;
 use sim::scene::{Link, Motion, Primitive, Snapshot};
 use sim::{Perturbation, TaskId};
 

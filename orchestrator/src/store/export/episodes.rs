@@ -2,10 +2,8 @@
 
 use std::path::Path;
 
-use rusqlite::types::Value;
-
 use crate::store::parquet_table::{Cells, ParquetTable};
-use crate::store::results::{Column, EpisodeRow, ResultsFile, Values};
+use crate::store::results::{Column, EpisodeRow, ResultsFile, Value, Values};
 use crate::study::analysis::{Evaluation, RowIdx};
 
 /// Rows per row group.
@@ -52,8 +50,8 @@ impl RowGroup {
         Self(columns().map(empty).collect())
     }
 
-    /// Adds a row of `policy`, as the evaluation calls it. Columns have no nulls: a missing text is empty, and a
-    /// missing number −1.
+    /// Adds a row of `policy`, as the evaluation calls it. Columns have no nulls: a missing text is empty,
+    /// and a missing number −1.
     fn push(&mut self, policy: &str, file: &ResultsFile, row: &EpisodeRow) {
         for (cells, column) in self.0.iter_mut().zip(columns()) {
             match (cells, file.value(row, column)) {

@@ -1,5 +1,6 @@
-//! The columns of the table `episodes`, each defined once: the table, its statements, the checks of what a file
-//! contains, comparisons of episodes and exports follow from this list. Their meanings are in `docs/results.md`.
+//! The columns of the table `episodes`, each defined once: the table, its statements, the checks of what a
+//! file contains, comparisons of episodes and exports follow from this list. Their meanings are in
+//! `docs/results.md`.
 
 use rusqlite::types::Value;
 use sim::serve::protocol::Outcome;

@@ -19,6 +19,8 @@ mod schema;
 #[path = "../../../tests/sealing/mod.rs"]
 pub(crate) mod sealing;
 
+pub(crate) use rusqlite::types::Value;
+
 pub(crate) use self::columns::{Column, EpisodeKey, Values};
 pub(crate) use self::episodes::{CellSums, FinishedEpisodes, Results};
 pub(crate) use self::error::StoreError;

@@ -51,8 +51,8 @@ pub(crate) fn n_finished() -> String {
     format!("SELECT count(*) FROM episodes WHERE {} IS NULL", Column::Error.name())
 }
 
-/// Selects all episodes: every column up to the checksum, by its number, and one more that tells whether there
-/// are actions.
+/// Selects all episodes: every column up to the checksum, by its number, and one more that tells whether
+/// there are actions.
 pub(crate) fn rows() -> String {
     format!(
         "SELECT {}, {}, {} IS NOT NULL FROM episodes ORDER BY {}",

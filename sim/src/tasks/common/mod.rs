@@ -1,26 +1,11 @@
 //! Shared building blocks of tasks: the single-arm and bimanual workspaces (arms, table, lights and cameras)
 //! and recurring bodies. See docs/benchmark.md, "Scenes and objects" and "Robot and control".
 
-pub(crate) mod arrow;
 pub(crate) mod bimanual_plan;
-pub(crate) mod book;
-pub(crate) mod bookcase;
-pub(crate) mod bottle;
-pub(crate) mod cabinet;
-pub(crate) mod can;
-pub(crate) mod chest;
-pub(crate) mod cooking;
-pub(crate) mod dish;
-pub(crate) mod drawer_unit;
-pub(crate) mod fruit;
-pub(crate) mod hole;
-pub(crate) mod pen_and_cap;
-pub(crate) mod pot;
-pub(crate) mod props;
-pub(crate) mod ring_and_needle;
+pub(crate) mod furniture;
+pub(crate) mod kitchen;
+pub(crate) mod objects;
 pub(crate) mod stacking;
-pub(crate) mod tools;
-pub(crate) mod tray;
 
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -28,7 +13,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::predicate::Predicate;
-use crate::profile::{Profile, ProfileRules};
+use crate::task::profile::{Profile, ProfileRules};
 use scene::{
     AppearanceSpec, BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalLightSpec,
     DistractorPlacement, DistractorsSpec, InstructionSpec, Jitter, LightsSpec, Mass, Motion, PartSpec,

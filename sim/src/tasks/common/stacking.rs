@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::{BIMANUAL_TABLE_Z, ExternalCameras, GOAL_RADIUS, goal_disc};
 use crate::expert::{Move, TcpGoal, both_arms, grasp};
 use crate::predicate::Predicate;
-use crate::profile::{Profile, ProfileRules};
+use crate::task::profile::{Profile, ProfileRules};
 use scene::{Body, BodySpec, Range, Scene};
 
 /// Half-extent of a cube, in m.

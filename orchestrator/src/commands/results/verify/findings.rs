@@ -2,13 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use rusqlite::types::Value;
 use serde_json::{Value as Json, json};
 use sim::scene::stream::episode_seed;
 use sim::serve::protocol::Outcome;
 
 use crate::console::table::{Align, TextTable};
-use crate::store::results::{Column, EpisodeKey, EpisodeRow, Gap, ResultsFile};
+use crate::store::results::{Column, EpisodeKey, EpisodeRow, Gap, ResultsFile, Value};
 
 /// A column that differs between a row and its repetition.
 pub(crate) struct Difference<'a> {

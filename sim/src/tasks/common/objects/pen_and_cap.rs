@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, box_part, movable, visual_of};
+use crate::tasks::common::{BIMANUAL_TABLE_Z, box_part, movable, visual_of};
 use scene::{
     AppearanceSpec, Body, BodySpec, Mass, PartSpec, Primitive, RenderParts, Role, ScaledBy, VisualShape,
     VisualSpec,

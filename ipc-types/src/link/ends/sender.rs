@@ -10,14 +10,14 @@ use iceoryx2::port::{BackpressureAction, LoanError, SendError};
 use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, ZeroCopySend};
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 
-use super::domain::Domain;
-use super::error::LinkError;
-use super::prefault;
-use super::retry::AttemptError;
-use super::services::{MessageService, occupied, service_error};
-use super::type_names::Ipc;
-use super::wake::WakeNotifier;
 use crate::layout::Page;
+use crate::link::domain::Domain;
+use crate::link::ends::wake::WakeNotifier;
+use crate::link::error::LinkError;
+use crate::link::memory::prefault;
+use crate::link::retry::AttemptError;
+use crate::link::services::{MessageService, occupied, service_error};
+use crate::link::type_names::Ipc;
 
 /// Maximum time that a loan or a send waits for the peer to release memory.
 const BACKPRESSURE_TIMEOUT: Duration = Duration::from_secs(1);

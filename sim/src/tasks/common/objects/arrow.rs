@@ -1,7 +1,7 @@
 //! The arrow that is turned on the table. See docs/benchmark.md, "Objects".
 
-use super::tools::mirrored_hull;
-use super::{SINGLE_TABLE_Z, movable};
+use crate::tasks::common::objects::tools::mirrored_hull;
+use crate::tasks::common::{SINGLE_TABLE_Z, movable};
 use scene::{
     AppearanceSpec, BodySpec, Mass, PartSpec, Range, RenderParts, ScaleAxes, VisualShape, VisualSpec,
 };

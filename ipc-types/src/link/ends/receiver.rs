@@ -6,12 +6,12 @@ use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::{PayloadHeader as _, ZeroCopySend};
 use iceoryx2::sample::Sample;
 
-use super::error::LinkError;
-use super::prefault;
-use super::retry::AttemptError;
-use super::services::{MessageService, occupied, service_error};
-use super::type_names::Ipc;
 use crate::layout::Page;
+use crate::link::error::LinkError;
+use crate::link::memory::prefault;
+use crate::link::retry::AttemptError;
+use crate::link::services::{MessageService, occupied, service_error};
+use crate::link::type_names::Ipc;
 
 /// A received message. The sender cannot reuse its memory until it is dropped.
 pub(crate) type ReceivedMessage<H> = Sample<Ipc, [Page], H>;

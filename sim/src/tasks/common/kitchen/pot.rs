@@ -5,8 +5,8 @@ use core::f64::consts::{FRAC_PI_2, TAU};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, box_part, movable, rgb};
 use crate::expert::grasp;
+use crate::tasks::common::{BIMANUAL_TABLE_Z, box_part, movable, rgb};
 use scene::{
     AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, RenderParts, ScaleAxes, Scene, VisualShape,
     VisualSpec,

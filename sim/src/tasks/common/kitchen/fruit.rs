@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::{movable, srgb};
+use crate::tasks::common::{movable, srgb};
 use scene::distractors::apple_profile;
 use scene::{
     AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, RenderParts, ScaleAxes, VisualShape, VisualSpec,

@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_PI_2, TAU};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, box_part, movable, rgb};
+use crate::tasks::common::{BIMANUAL_TABLE_Z, box_part, movable, rgb};
 use scene::{AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, Role, ScaledBy};
 
 /// Neither of the two bodies changes its size.

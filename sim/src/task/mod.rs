@@ -1,11 +1,13 @@
 //! The definition of a task: data and three short functions. A task never steps a world; `tasks/` holds those
 //! of the suite.
 
+pub mod profile;
+
 use ipc_types::Morphology;
 
 use crate::expert::Move;
 use crate::predicate::Predicate;
-use crate::profile::Profile;
+use crate::task::profile::Profile;
 use scene::{Scene, SceneSpec};
 
 /// The benchmark's task categories (docs/benchmark.md, "Tasks").

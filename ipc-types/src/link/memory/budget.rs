@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use rustix::fs::StatVfs;
 use thiserror::Error;
 
-use super::lane_spec::LaneSpec;
+use crate::link::lane_spec::LaneSpec;
 
 /// Errors that can occur while checking the shared-memory budget of a run.
 #[derive(Debug, Error)]

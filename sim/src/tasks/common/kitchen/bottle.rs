@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, box_part, movable, srgb};
+use crate::tasks::common::{BIMANUAL_TABLE_Z, box_part, movable, srgb};
 use scene::{
     AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, RenderParts, ScaleAxes, VisualShape, VisualSpec,
 };

@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::{SINGLE_TABLE_Z, box_part, fixed, movable};
+use crate::tasks::common::{SINGLE_TABLE_Z, box_part, fixed, movable};
 use scene::{AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, ScaledBy, VisualShape, VisualSpec};
 
 /// Initial joint positions in rad: TCP at world (−0.088, 0.038, 0.318) m, pointing down.

@@ -4,8 +4,8 @@ use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::{SINGLE_TABLE_Z, box_part, movable, srgb};
 use crate::expert::{Move, TcpGoal, grasp};
+use crate::tasks::common::{SINGLE_TABLE_Z, box_part, movable, srgb};
 use scene::{
     AppearanceSpec, BodySpec, Mass, Motion, PartSpec, Primitive, RenderParts, Role, ScaleAxes, ScaledBy,
     Scene, VisualShape, VisualSpec,

@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::{SINGLE_TABLE_Z, box_part, fixed, srgb};
+use crate::tasks::common::{SINGLE_TABLE_Z, box_part, fixed, srgb};
 use scene::{
     AppearanceSpec, BodySpec, JointKind, JointSpec, Mass, Motion, PartSpec, PlacementSpec, Primitive, Range,
     Role, Texture,

@@ -3,7 +3,7 @@
 //! Its origin is the benchmark's, outside the book's centre. Its axes are parallel to its edges: x from the
 //! spine to the fore edge, y across the pages, z up the spine. The benchmark's axes are oblique to them.
 
-use super::{box_part, srgb};
+use crate::tasks::common::{box_part, srgb};
 use scene::{AppearanceSpec, Mass, PartSpec, Primitive, VisualShape, VisualSpec};
 
 /// Half-depth, half-thickness and half-height as it collides.

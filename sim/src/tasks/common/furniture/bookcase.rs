@@ -7,7 +7,7 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::srgb;
+use crate::tasks::common::srgb;
 use scene::{AppearanceSpec, PartSpec, Primitive, Texture, VisualShape, VisualSpec};
 
 /// Height of the compartment's floor.

@@ -1,8 +1,8 @@
 //! The soda can of PickSodaFromCabinet. Lengths in m. Its axis is z and its origin the middle of its mesh; in
 //! the benchmark the same axis is y.
 
-use super::props::{LABEL_THICKNESS, RevolvedVisuals, glossy};
-use super::srgb;
+use crate::tasks::common::objects::props::{LABEL_THICKNESS, RevolvedVisuals, glossy};
+use crate::tasks::common::srgb;
 use scene::{AppearanceSpec, Mass, PartSpec, Primitive, Texture, VisualSpec};
 
 /// Half of the height as it collides.

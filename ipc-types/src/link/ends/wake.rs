@@ -9,11 +9,11 @@ use iceoryx2::prelude::EventId;
 use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::port_factory::event::PortFactory;
 
-use super::error::LinkError;
-use super::node::LinkNode;
-use super::retry::AttemptError;
-use super::services::{occupied, service_error, service_name};
-use super::type_names::Ipc;
+use crate::link::error::LinkError;
+use crate::link::node::LinkNode;
+use crate::link::retry::AttemptError;
+use crate::link::services::{occupied, service_error, service_name};
+use crate::link::type_names::Ipc;
 
 /// Name of the event that wakes the sim.
 pub(crate) const SIM_WAKE: &str = "hyp/sim/wake";

@@ -5,8 +5,8 @@ use core::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{SINGLE_TABLE_Z, box_part, fixed, srgb};
 use crate::expert::grasp;
+use crate::tasks::common::{SINGLE_TABLE_Z, box_part, fixed, srgb};
 use scene::{
     AppearanceSpec, BodySpec, JointKind, JointSpec, Motion, PartSpec, PlacementSpec, Primitive, Range, Role,
     Scene, Texture,

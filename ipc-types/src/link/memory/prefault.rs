@@ -12,10 +12,10 @@ use rustix::fs::FallocateFlags;
 use rustix::io::Errno;
 use rustix::mm::Advice;
 
-use super::domain::Domain;
-use super::error::LinkError;
-use super::shm::SHM;
 use crate::layout::{PAGE_BYTES, Page};
+use crate::link::domain::Domain;
+use crate::link::error::LinkError;
+use crate::link::memory::shm::SHM;
 
 /// Reserves the full size of the data segment of publisher `publisher_id`.
 pub(crate) fn reserve(domain: &Domain, publisher_id: u128) -> Result<(), LinkError> {

@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
-use super::{SINGLE_TABLE_Z, box_part, movable, srgb};
+use crate::tasks::common::{SINGLE_TABLE_Z, box_part, movable, srgb};
 use scene::{
     AppearanceSpec, BodySpec, JointKind, JointSpec, Mass, Motion, PartSpec, Primitive, Range, RenderParts,
     Role, ScaleAxes, ScaledBy, Texture, VisualShape, VisualSpec, rounded_rectangle,

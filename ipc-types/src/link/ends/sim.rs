@@ -7,19 +7,19 @@ use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::prelude::{CallbackProgression, PortFactory as _};
 use iceoryx2::service::port_factory::event::PortFactory;
 
-use super::budget;
-use super::error::LinkError;
-use super::lane_spec::LaneSpec;
-use super::node::LinkNode;
-use super::receiver::{MessageReceiver, ReceivedMessage};
-use super::retry::{AttemptError, retry};
-use super::sender::{Loan, MessageSender, SenderCapacity};
-use super::services::{self, Agreement, MessageService, lane_service};
-use super::shm::SHM;
-use super::type_names::Ipc;
-use super::wake::{self, SIM_WAKE, WakeListener};
 use crate::frame::{ActionHeader, ObservationHeader};
 use crate::layout::{Page, SCHEMA_HASH};
+use crate::link::ends::receiver::{MessageReceiver, ReceivedMessage};
+use crate::link::ends::sender::{Loan, MessageSender, SenderCapacity};
+use crate::link::ends::wake::{self, SIM_WAKE, WakeListener};
+use crate::link::error::LinkError;
+use crate::link::lane_spec::LaneSpec;
+use crate::link::memory::budget;
+use crate::link::memory::shm::SHM;
+use crate::link::node::LinkNode;
+use crate::link::retry::{AttemptError, retry};
+use crate::link::services::{self, Agreement, MessageService, lane_service};
+use crate::link::type_names::Ipc;
 
 /// Maximum time a restarted sim waits for its exited predecessor to be cleaned up.
 const TAKEOVER_TIMEOUT: Duration = Duration::from_secs(3);

@@ -5,8 +5,8 @@ use core::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, ExternalCameras, box_part, fixed, region, srgb};
 use crate::expert::grasp;
+use crate::tasks::common::{BIMANUAL_TABLE_Z, ExternalCameras, box_part, fixed, region, srgb};
 use scene::{
     AppearanceSpec, Body, BodySpec, JointKind, JointSpec, Motion, PartSpec, PlacementSpec, Primitive, Range,
     RegionSpec, Role, ScaledBy, Scene, Texture, VisualShape, VisualSpec,

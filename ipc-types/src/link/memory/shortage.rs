@@ -6,8 +6,8 @@ use std::path::Path;
 use rustix::process::Resource;
 use thiserror::Error;
 
-use super::budget::free_bytes;
-use super::shm::SHM;
+use crate::link::memory::budget::free_bytes;
+use crate::link::memory::shm::SHM;
 
 /// Spare descriptors below which a lack of them is the likely cause: iceoryx2 holds a few while it creates a
 /// port, and has closed them again when it fails.
