@@ -11,7 +11,7 @@ use std::path::Path;
 use ipc_types::Morphology;
 use policy_host::models::act::GpuActPolicy;
 use policy_host::models::act::checkpoint::colosseum::ActConfig;
-use policy_host::nn::gpu::{AdapterKind, DeviceBuffer, GpuDevice, GpuError};
+use policy_host::nn::gpu::{AdapterKind, GpuDevice, GpuError};
 use policy_host::policy::ensemble::Ensemble;
 use policy_host::policy::{ActionChunk, Policy, PolicyPipeline};
 use run_config::DeviceChoice;
