@@ -88,7 +88,8 @@ pub fn check(
     }
 }
 
-/// Returns sentences about instructions, each with its robot, that are too long for a policy, which cuts them off.
+/// Returns sentences about instructions, each with its robot, that are too long for a policy, which cuts them
+/// off.
 ///
 /// # Errors
 /// If its checkpoint cannot be read.

@@ -31,8 +31,9 @@ fn messages() -> Vec<Message> {
     let sim = json!({
         "domain": domain, "run_id": u64::MAX, "max_envs": 8, "envs": 4, "lanes": [lane], "run": run
     });
+    let network = json!({ "Network": ["Act", { "folder": "a", "precision": "F32", "n_steps": 5 }] });
     let host = json!({
-        "domain": domain, "run_id": 7, "lane": spec, "spec": { "Act": "a" }, "checkpoint": "00ab",
+        "domain": domain, "run_id": 7, "lane": spec, "spec": network, "checkpoint": "00ab",
         "morphologies": ["single"], "execution": { "mode": "chunk", "execute": 30 }, "run": run
     });
     let assignment = json!({

@@ -3,9 +3,9 @@
 //! Every kernel computes each value by a fixed sequence of operations, independent of how many rows, images
 //! or samples are computed together. Kernels start no threads, and they allocate nothing after construction:
 //! the caller passes their working memory. The exception is [`projection`], for networks whose weights fill
-//! gigabytes: it shares the columns of a product among the threads of the current rayon pool. [`peak`] is no
-//! kernel, but the yardstick for them. See `README.md`
-//! for the design and its measurements.
+//! gigabytes: it shares the columns of a product among the threads of the current rayon pool, and allocates
+//! memory for quantised inputs. [`gemm::peak`] is no kernel, but measures what a kernel can reach. See
+//! `README.md` for the design and its measurements.
 //!
 //! Letters in shapes: `t` rows (tokens), `d` model width, `n` images, `c` channels, `h` and `w` height and
 //! width; `[m, k] · [k, n]` in matrix products.

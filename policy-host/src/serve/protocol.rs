@@ -19,8 +19,8 @@ pub struct HostConfig {
     pub lane: LaneSpec,
     /// Policy to load.
     pub spec: PolicySpec,
-    /// Hash of the checkpoint at the start of the run ([`crate::formats::content`]), if the policy has one. The host
-    /// answers with no other content.
+    /// Hash of the checkpoint at the start of the run ([`crate::formats::content`]), if the policy has one.
+    /// The host answers with no other content.
     pub checkpoint: Option<String>,
     /// Robots of the run's tasks.
     pub morphologies: Vec<Morphology>,

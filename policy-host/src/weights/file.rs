@@ -14,7 +14,8 @@ use safetensors::tensor::{Metadata, TensorInfo};
 
 use super::WeightsError;
 
-/// Extension of safetensors files. Others are not part of a checkpoint's content ([`crate::formats::content`]).
+/// Extension of safetensors files. Others are not part of a checkpoint's content
+/// ([`crate::formats::content`]).
 pub(crate) const EXTENSION: &str = "safetensors";
 /// Maximum header length. An ACT checkpoint has about 400 tensors with 100 header bytes each.
 const MAX_HEADER_BYTES: u64 = 16 << 20;

@@ -1,7 +1,7 @@
 //! Weight files: the safetensors reader, memory-mapped tensors, the errors, and the in-memory state dict.
 //!
-//! [`formats`](crate::formats), [`nn`](crate::nn) and [`text`](crate::text) build on this module; it depends on
-//! none of them.
+//! [`formats`](crate::formats), [`nn`](crate::nn) and [`text`](crate::text) build on this module; it
+//! depends on none of them.
 
 mod file;
 mod mapped;

@@ -1,4 +1,5 @@
-//! What LeRobot's policies have in common: features, normalisation statistics, processors and settings.
+//! The settings that LeRobot's policies have in common, and their features, normalisation
+//! statistics and processors.
 
 pub(crate) mod feature;
 pub(crate) mod processor;

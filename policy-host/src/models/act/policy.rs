@@ -13,7 +13,7 @@ use run_config::QueryOptions;
 use run_config::trace::{self, Activity};
 
 use super::architecture::ImageSize;
-use super::checkpoint::{StoredNetwork, load_networks, open};
+use super::checkpoint::{StoredNetwork, load_networks, open_all};
 use super::image::{IMAGE_SIZES, Image};
 use super::leading::TokenCache;
 use super::model::{ActInput, ActModel, ActScratch};
@@ -68,7 +68,7 @@ pub(crate) fn check(
     requested: QueryOptions,
 ) -> Result<PolicyCheck, CheckpointFolderError> {
     let mut networks = Vec::new();
-    for mut checkpoint in open(&source.folder)? {
+    for mut checkpoint in open_all(&source.folder)? {
         checkpoint.check_values()?;
         let &ObservationMapping { morphology, control_mode, .. } = checkpoint.mapping()?;
         checkpoint.check_text_encoder()?;

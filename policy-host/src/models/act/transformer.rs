@@ -139,7 +139,7 @@ impl FeedForward {
 /// Applies the second part of an encoder or decoder layer, after the attention heads: adds the output
 /// projection of the first rows of `scratch.attended`, which has `n_attended` rows, to `x`, and applies the
 /// feed-forward network in place, each followed by one of the two normalisations.
-fn forward_second_part(
+fn forward_output_and_feed_forward(
     attention: &MultiheadAttention,
     feed_forward: &FeedForward,
     [attention_norm, feed_forward_norm]: [&LayerNorm; 2],
@@ -194,7 +194,7 @@ impl EncoderLayer {
         project_qkv(&self.self_attn, x, positions, scratch);
         self.self_attn.attend(n_tokens, n_tokens, scratch);
         let norms = [&self.norm1, &self.norm2];
-        forward_second_part(&self.self_attn, &self.feed_forward, norms, n_tokens, x, scratch);
+        forward_output_and_feed_forward(&self.self_attn, &self.feed_forward, norms, n_tokens, x, scratch);
     }
 }
 
@@ -289,7 +289,14 @@ impl DecoderLayer {
         project_kv(&self.multihead_attn, memory, positions, scratch);
         self.multihead_attn.attend(n_queries, n_tokens, scratch);
         let (norms, x) = ([&self.norm2, &self.norm3], &mut x[..n_rows * width]);
-        forward_second_part(&self.multihead_attn, &self.feed_forward, norms, n_queries, x, scratch);
+        forward_output_and_feed_forward(
+            &self.multihead_attn,
+            &self.feed_forward,
+            norms,
+            n_queries,
+            x,
+            scratch,
+        );
     }
 }
 

@@ -1,8 +1,9 @@
-//! Sizes of a π0.5 network, and the names of its tensors.
+//! Sizes of a π0.5 network.
 //!
 //! LeRobot's configuration names only a variant, and checkpoints of other widths occur. The sizes are
 //! therefore taken from the shapes of the tensors; only the number of vision heads does not follow from them.
 
+use super::checkpoint::names::{LayerStack, Pi05Names};
 use crate::weights::{TensorFolder, TensorSpec, WeightsError};
 
 /// Patch side of SigLIP So400m/14, in pixels.
@@ -11,8 +12,6 @@ pub const PATCH_SIDE: usize = 14;
 pub const DEFAULT_VISION_HEADS: usize = 16;
 /// Maximum number of Euler steps from noise to actions.
 pub(crate) const MAX_STEPS: u32 = 1000;
-/// Prefix of the names of the two language models and the vision tower.
-const JOINT: &str = "paligemma_with_expert.";
 
 /// Sizes of the vision tower, under the names of SigLIP's configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,7 +28,8 @@ pub struct SiglipConfig {
     pub n_patches: usize,
 }
 
-/// Sizes of a language model, under the names of Gemma's configuration. Query heads share one key and one value head.
+/// Sizes of a language model, under the names of Gemma's configuration. Query heads share one key and one
+/// value head.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GemmaConfig {
     /// Width of a token.
@@ -59,15 +59,6 @@ pub struct Pi05Architecture {
     pub horizon: usize,
     /// Width of an action inside the network, padded with zeros beyond the robot's.
     pub action_width: usize,
-}
-
-/// Names of a checkpoint's tensors.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Pi05Names {
-    /// `model.` in LeRobot's checkpoints, nothing in openpi's.
-    root: &'static str,
-    /// `true` if the embedding is stored as the output layer with which it shares its weights.
-    tied: bool,
 }
 
 impl Pi05Architecture {
@@ -332,90 +323,6 @@ impl Pi05Architecture {
             add(names.root(&format!("{name}.bias")), &[out]);
         }
         specs
-    }
-}
-
-/// The three stacks of layers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum LayerStack {
-    Vision,
-    Prefix,
-    Expert,
-}
-
-impl Pi05Names {
-    /// LeRobot's names.
-    pub const LEROBOT: Self = Self { root: "model.", tied: false };
-
-    /// Recognises LeRobot's and openpi's names.
-    #[must_use]
-    pub fn of(tensors: &TensorFolder) -> Self {
-        let is_lerobot = tensors.names().any(|name| name.starts_with("model.paligemma_with_expert."));
-        let names = Self { root: if is_lerobot { "model." } else { "" }, tied: false };
-        let tied = tensors.shape(&names.embedding()).is_none();
-        Self { tied, ..names }
-    }
-
-    /// Returns `true` for a tensor that only training uses: output layers over words, and the last norm of
-    /// the language model.
-    #[must_use]
-    pub fn is_unused(&self, name: &str) -> bool {
-        name.strip_prefix(self.root).and_then(|name| name.strip_prefix(JOINT)).is_some_and(|name| {
-            [
-                "paligemma.lm_head.weight",
-                "paligemma.model.language_model.norm.weight",
-                "paligemma.model.language_model.embed_tokens.weight",
-                "gemma_expert.lm_head.weight",
-                "gemma_expert.model.embed_tokens.weight",
-            ]
-            .contains(&name)
-                || name.starts_with("paligemma.model.vision_tower.vision_model.head.")
-        })
-    }
-
-    pub(crate) fn root(&self, name: &str) -> String {
-        format!("{}{name}", self.root)
-    }
-
-    pub(crate) fn layer(&self, part: LayerStack, layer: usize, name: &str) -> String {
-        let stack = match part {
-            LayerStack::Vision => "paligemma.model.vision_tower.vision_model.encoder",
-            LayerStack::Prefix => "paligemma.model.language_model",
-            LayerStack::Expert => "gemma_expert.model",
-        };
-        format!("{}{JOINT}{stack}.layers.{layer}.{name}", self.root)
-    }
-
-    pub(crate) fn patch_embedding(&self, name: &str) -> String {
-        format!(
-            "{}{JOINT}paligemma.model.vision_tower.vision_model.embeddings.patch_embedding.{name}",
-            self.root
-        )
-    }
-
-    pub(crate) fn position_embedding(&self) -> String {
-        format!(
-            "{}{JOINT}paligemma.model.vision_tower.vision_model.embeddings.position_embedding.weight",
-            self.root
-        )
-    }
-
-    pub(crate) fn post_norm(&self, name: &str) -> String {
-        format!("{}{JOINT}paligemma.model.vision_tower.vision_model.post_layernorm.{name}", self.root)
-    }
-
-    pub(crate) fn projector(&self, name: &str) -> String {
-        format!("{}{JOINT}paligemma.model.multi_modal_projector.linear.{name}", self.root)
-    }
-
-    pub(crate) fn embedding(&self) -> String {
-        let name =
-            if self.tied { "paligemma.lm_head" } else { "paligemma.model.language_model.embed_tokens" };
-        format!("{}{JOINT}{name}.weight", self.root)
-    }
-
-    pub(crate) fn expert_norm(&self, name: &str) -> String {
-        format!("{}{JOINT}gemma_expert.model.norm.dense.{name}", self.root)
     }
 }
 

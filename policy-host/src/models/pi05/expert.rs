@@ -3,7 +3,8 @@
 
 use rayon::prelude::*;
 
-use super::architecture::{GemmaConfig, LayerStack, Pi05Architecture};
+use super::architecture::{GemmaConfig, Pi05Architecture};
+use super::checkpoint::names::LayerStack;
 use super::gemma::{CacheRows, GemmaAttention, GemmaMlp, KeyValueCache};
 use super::layers::{EPSILON, LayerSource, in_row_blocks};
 use crate::nn::gelu::silu;

@@ -1,10 +1,11 @@
-//! Gemma (Gemma team: Gemma: open models based on Gemini research and technology, 2024), which processes
-//! the tokens of images, instruction and state. Only the keys and values of its layers are used: the prefix of
+//! Gemma (Gemma team: Gemma: open models based on Gemini research and technology, 2024), which processes the
+//! tokens of images, instruction and state. Only the keys and values of its layers are used: the prefix of
 //! the expert's attention.
 
 use rayon::prelude::*;
 
-use super::architecture::{GemmaConfig, LayerStack};
+use super::architecture::GemmaConfig;
+use super::checkpoint::names::LayerStack;
 use super::layers::{AttentionInput, EPSILON, LayerSource, Sequence, add_rows, attend, in_row_blocks};
 use crate::nn::gelu::geglu;
 use crate::nn::norm::rms_rows;

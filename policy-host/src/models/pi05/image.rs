@@ -12,8 +12,9 @@ struct Tap {
     weight: f32,
 }
 
-/// Resizes a camera image `[height, width, 3] u8` of size `[height, width]` to planes `[3, side, side] f32`, with the weights of
-/// PyTorch's bilinear interpolation (`align_corners=False`, no antialiasing).
+/// Resizes a camera image `[height, width, 3] u8` of this size, `[height, width]`, to planes
+/// `[3, side, side] f32`, with the weights of PyTorch's bilinear interpolation (`align_corners=False`, no
+/// antialiasing).
 ///
 /// # Panics
 /// If a slice is too short.

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::architecture::Pi05Names;
+use super::checkpoint::names::Pi05Names;
 use crate::nn::Precision;
 use crate::nn::attention::AttentionHead;
 use crate::nn::norm::LayerNorm;

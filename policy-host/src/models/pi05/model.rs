@@ -1,6 +1,7 @@
 //! The network: images and tokens become the prefix, from which the expert denoises an action chunk.
 
-use super::architecture::{Pi05Architecture, Pi05Names};
+use super::architecture::Pi05Architecture;
+use super::checkpoint::names::Pi05Names;
 use super::expert::{ActionExpert, TimePeriods};
 use super::gemma::{GemmaModel, KeyValueCache};
 use super::layers::LayerSource;

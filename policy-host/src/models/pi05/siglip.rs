@@ -3,7 +3,8 @@
 
 use rayon::prelude::*;
 
-use super::architecture::{LayerStack, PATCH_SIDE, SiglipConfig};
+use super::architecture::{PATCH_SIDE, SiglipConfig};
+use super::checkpoint::names::LayerStack;
 use super::layers::{AttentionInput, LayerSource, Sequence, add_rows, attend, in_row_blocks};
 use crate::nn::gelu::gelu_tanh;
 use crate::nn::norm::LayerNorm;

@@ -15,7 +15,8 @@ use serde_json::{Value, json};
 
 use super::{WriteCheckpointError, element};
 use crate::formats::mapping::MAPPING_FILE;
-use crate::models::pi05::architecture::{Pi05Architecture, Pi05Names};
+use crate::models::pi05::architecture::Pi05Architecture;
+use crate::models::pi05::checkpoint::names::Pi05Names;
 use crate::text::paligemma::TOKENIZER_FILE;
 use crate::weights::{CONFIG_FILE, INDEX_FILE, TensorSpec};
 

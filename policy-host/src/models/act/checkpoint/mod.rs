@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use run_config::input;
 
 use self::description::ActDescription;
-pub(crate) use self::stored::{StoredNetwork, load_networks, open};
+pub(crate) use self::stored::{StoredNetwork, load_networks, open_all};
 use self::tensors::tensor_specs;
 use super::architecture::{Architecture, InvalidHyperparameter, Normalisation};
 use crate::formats::settings::Settings;

@@ -32,7 +32,7 @@ pub(crate) fn load_networks<N, E: From<CheckpointFolderError>>(
     mut build: impl FnMut(StoredNetwork) -> Result<N, E>,
 ) -> Result<Vec<N>, E> {
     let robot_of = |checkpoint: &ActCheckpoint| Ok(checkpoint.mapping()?.morphology);
-    build_networks(folder, open(folder)?, robots, robot_of, |checkpoint| {
+    build_networks(folder, open_all(folder)?, robots, robot_of, |checkpoint| {
         build(read(checkpoint).map_err(CheckpointFolderError::from)?)
     })
 }
@@ -41,7 +41,7 @@ pub(crate) fn load_networks<N, E: From<CheckpointFolderError>>(
 ///
 /// # Errors
 /// If there is none, or one is invalid.
-pub(crate) fn open(folder: &Path) -> Result<Vec<ActCheckpoint>, CheckpointFolderError> {
+pub(crate) fn open_all(folder: &Path) -> Result<Vec<ActCheckpoint>, CheckpointFolderError> {
     let folders = checkpoint_folders(folder, CONFIG_FILE, |folder| folder.join(CONFIG_FILE).is_file())?;
     Ok(folders.iter().map(|folder| ActCheckpoint::open(folder)).collect::<Result<_, _>>()?)
 }

@@ -4,12 +4,13 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use super::names::Pi05Names;
 use crate::formats::CheckpointError;
 use crate::formats::files::MAPPING_FILE;
 use crate::formats::lerobot::feature::InputFeature;
 use crate::formats::mapping::{ObservationMapping, PromptState, Sidecar, map_features};
 use crate::formats::scaling::Scaling;
-use crate::models::pi05::architecture::{DEFAULT_VISION_HEADS, Pi05Architecture, Pi05Names};
+use crate::models::pi05::architecture::{DEFAULT_VISION_HEADS, Pi05Architecture};
 use crate::policy::execution::ChunkSettings;
 use crate::weights::{CONFIG_FILE, TensorFolder};
 

@@ -6,6 +6,7 @@
 
 mod description;
 mod lerobot;
+pub mod names;
 mod openpi;
 
 use std::path::{Path, PathBuf};
@@ -17,9 +18,9 @@ use run_config::input;
 
 use self::description::Folder;
 pub use self::description::Pi05Description;
+use self::names::Pi05Names;
 #[cfg(feature = "gpu")]
 use super::GpuPi05Network;
-use super::architecture::Pi05Names;
 use super::model::{Pi05Model, Pi05Options};
 use crate::formats::CheckpointError;
 #[cfg(feature = "gpu")]

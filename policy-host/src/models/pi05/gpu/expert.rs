@@ -3,7 +3,8 @@
 use super::gemma::{LayerWeights, StackBuffers};
 use super::runs::{BatchUnit, RunBuilder};
 use crate::models::LoadGpuError;
-use crate::models::pi05::architecture::{GemmaConfig, LayerStack};
+use crate::models::pi05::architecture::GemmaConfig;
+use crate::models::pi05::checkpoint::names::LayerStack;
 use crate::models::pi05::expert::Modulation;
 use crate::nn::gpu::DeviceBuffer;
 use crate::nn::gpu::ops::{DeviceWeights, ProductEpilogue};

@@ -2,7 +2,8 @@
 
 use super::runs::{BatchUnit, RunBuilder};
 use crate::models::LoadGpuError;
-use crate::models::pi05::architecture::{GemmaConfig, LayerStack};
+use crate::models::pi05::architecture::GemmaConfig;
+use crate::models::pi05::checkpoint::names::LayerStack;
 use crate::models::pi05::layers::EPSILON;
 use crate::nn::gpu::DeviceBuffer;
 use crate::nn::gpu::ops::{DeviceWeights, ProductEpilogue};
@@ -35,34 +36,23 @@ pub(crate) struct StackBuffers {
 
 /// Returns the largest number of words of a row in a buffer of a stack.
 pub(crate) fn max_words(config: GemmaConfig) -> usize {
-    let GemmaConfig {
-        hidden_size: width,
-        intermediate_size: hidden,
-        num_attention_heads: n_heads,
-        head_dim: head_width,
-        ..
-    } = config;
-    [width, hidden, n_heads * head_width, 2 * head_width].into_iter().fold(0, usize::max)
+    let GemmaConfig { hidden_size, intermediate_size, head_dim, .. } = config;
+    let heads = config.num_attention_heads * head_dim;
+    [hidden_size, intermediate_size, heads, 2 * head_dim].into_iter().fold(0, usize::max)
 }
 
 impl RunBuilder<'_> {
     pub(crate) fn stack_buffers(&self, config: GemmaConfig, unit: BatchUnit, n_rows: usize) -> StackBuffers {
-        let GemmaConfig {
-            hidden_size: width,
-            intermediate_size: hidden,
-            num_attention_heads: n_heads,
-            head_dim: head_width,
-            ..
-        } = config;
+        let heads = config.num_attention_heads * config.head_dim;
         let rows = |label: &str, width: usize| self.buffer(label, unit, n_rows * width);
         StackBuffers {
             config,
             n_rows,
-            x: rows("x", width),
-            normed: rows("normed", width),
-            queries: rows("queries", n_heads * head_width),
-            heads: rows("heads", n_heads * head_width),
-            hidden: rows("hidden", hidden),
+            x: rows("x", config.hidden_size),
+            normed: rows("normed", config.hidden_size),
+            queries: rows("queries", heads),
+            heads: rows("heads", heads),
+            hidden: rows("hidden", config.intermediate_size),
             positions: rows("positions", 1),
             spans: self.buffer("spans", BatchUnit::Sample, 4),
         }
@@ -148,19 +138,19 @@ impl RunBuilder<'_> {
         max_length: usize,
         angles: &DeviceBuffer,
     ) -> Result<Vec<DeviceBuffer>, LoadGpuError> {
-        let GemmaConfig {
-            hidden_size: width,
-            num_hidden_layers: depth,
-            num_attention_heads: n_heads,
-            head_dim: head_width,
-            ..
-        } = stack.config;
+        let GemmaConfig { hidden_size, num_hidden_layers, head_dim, .. } = stack.config;
+        let n_heads = stack.config.num_attention_heads;
         let names = self.source.names;
-        let zero = self.constant("shift", &vec![0.0; width]);
-        let shape =
-            SequenceShape { n_heads, head_width, shares_keys: true, max_queries: max_length, suffix: 0 };
-        let mut cache = Vec::with_capacity(depth);
-        for layer in 0..depth {
+        let zero = self.constant("shift", &vec![0.0; hidden_size]);
+        let shape = SequenceShape {
+            n_heads,
+            head_width: head_dim,
+            shares_keys: true,
+            max_queries: max_length,
+            suffix: 0,
+        };
+        let mut cache = Vec::with_capacity(num_hidden_layers);
+        for layer in 0..num_hidden_layers {
             let scale = |name: &str| -> Result<DeviceBuffer, LoadGpuError> {
                 let stored = self.vector(&names.layer(LayerStack::Prefix, layer, name))?;
                 let scale: Vec<f32> = stored.into_iter().map(|weight| 1.0 + weight).collect();
@@ -168,13 +158,13 @@ impl RunBuilder<'_> {
             };
             let (input_layernorm, post_attention_layernorm) =
                 (scale("input_layernorm.weight")?, scale("post_attention_layernorm.weight")?);
-            let keys = self.buffer("keys", BatchUnit::Row, 2 * head_width);
+            let keys = self.buffer("keys", BatchUnit::Row, 2 * head_dim);
             let key_weights = self.key_weights(LayerStack::Prefix, layer)?;
             self.rms_norm(stack, (&input_layernorm, &zero));
             self.store_keys(&key_weights, stack, angles, &keys);
             cache.push(keys);
             // Nothing reads what the last layer would add to the tokens.
-            if layer + 1 == depth {
+            if layer + 1 == num_hidden_layers {
                 break;
             }
             let (keys, weights) = (&cache[layer], self.layer_weights(LayerStack::Prefix, layer)?);

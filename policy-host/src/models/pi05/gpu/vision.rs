@@ -2,7 +2,8 @@
 
 use super::runs::{BatchUnit, RunBuilder};
 use crate::models::LoadGpuError;
-use crate::models::pi05::architecture::{LayerStack, SiglipConfig};
+use crate::models::pi05::architecture::SiglipConfig;
+use crate::models::pi05::checkpoint::names::LayerStack;
 use crate::models::pi05::layers::EPSILON;
 use crate::models::pi05::siglip::PATCH_VALUES;
 use crate::nn::gpu::DeviceBuffer;
