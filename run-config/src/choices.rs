@@ -57,7 +57,7 @@ pub enum DeviceChoice {
     Auto,
     /// The CPU
     Cpu,
-    /// A GPU, through Vulkan: for `act` only
+    /// A GPU, through Vulkan: for ACT and π0.5
     Gpu,
     /// The GPU kernels on a software Vulkan driver, for tests
     Software,

@@ -14,6 +14,9 @@ use crate::plan::sweep::{DEFAULT_LEVELS, parse_level, parse_margin};
 use crate::statistics::{Levels, POWER, PairRates};
 use crate::study::analysis::{Comparison, ComparisonOptions, Evaluation, Metric, read_files};
 
+/// Differences that are planned for unless the user names others.
+const DEFAULT_DIFFERENCES: [f64; 3] = [0.05, 0.1, 0.2];
+
 /// Arguments of `plan`.
 #[derive(Args, Debug)]
 pub(crate) struct PlanArgs {
@@ -29,9 +32,9 @@ pub(crate) struct PlanArgs {
     /// Without a results file: share of matched episodes in which exactly one policy succeeds
     #[arg(long, value_name = "P", value_parser = parse_margin, conflicts_with = "file")]
     pub(crate) discordance: Option<f64>,
-    /// Difference of success rates to find, comma-separated
-    #[arg(long, value_name = "D", value_delimiter = ',', value_parser = parse_margin, default_value = "0.05,0.1,0.2")]
-    pub(crate) difference: Vec<f64>,
+    /// Difference of success rates to find, comma-separated [default: 0.05,0.1,0.2, as far as possible]
+    #[arg(long, value_name = "D", value_delimiter = ',', value_parser = parse_margin)]
+    pub(crate) difference: Option<Vec<f64>>,
     /// Number of cells that are judged together [default: those of the results, or 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub(crate) cells: Option<u32>,
@@ -88,7 +91,12 @@ pub(crate) fn plan(args: &PlanArgs) -> Result<ExitStatus, Failure> {
         },
         (None, None) => unreachable!("clap requires a file or --discordance"),
     };
-    if let Some(difference) = args.difference.iter().find(|difference| **difference > observed.discordance) {
+    let is_possible = |difference: &f64| *difference <= observed.discordance;
+    let differences = args
+        .difference
+        .clone()
+        .unwrap_or_else(|| DEFAULT_DIFFERENCES.into_iter().filter(is_possible).collect());
+    if let Some(difference) = differences.iter().find(|difference| !is_possible(difference)) {
         return Err(anyhow!(
             "--difference is {difference}, but only {:.4} of the pairs have exactly one success ({}): the rates cannot differ by \
              more than that",
@@ -97,7 +105,7 @@ pub(crate) fn plan(args: &PlanArgs) -> Result<ExitStatus, Failure> {
         ))
         .or_user();
     }
-    let differences = std::iter::once(0.0).chain(args.difference.iter().copied());
+    let differences = std::iter::once(0.0).chain(differences);
     let rows: Vec<PlannedRow> = differences.map(|difference| row(&observed, difference, levels)).collect();
     let text = if args.json {
         let Observed { source, discordance, n_cells, design_effect, episodes_per_s } = observed;
