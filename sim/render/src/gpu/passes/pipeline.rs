@@ -6,7 +6,7 @@ use super::buffers::ChunkBuffers;
 use super::kernels::KernelPass;
 use crate::View;
 use crate::gpu::chunk::batch::ViewBatch;
-use crate::gpu::chunk::size::{ChunkLimits, ChunkSize, samples_per_axis};
+use crate::gpu::chunk::size::{ChunkLimits, ChunkSize, LIST_ENTRY_BYTES, samples_per_axis};
 use crate::gpu::resident::assets::Assets;
 use crate::gpu::resident::scenes::ResidentScenes;
 use crate::math::srgb::{LINEAR_SEGMENT_END, LINEAR_SEGMENT_SLOPE, SQRT_POLYNOMIAL};
@@ -15,6 +15,12 @@ use run_config::Samples;
 
 /// Side of the pixel tile that a workgroup shades.
 const TILE: u32 = 8;
+/// Number of workgroups along one axis that every device accepts.
+const MAX_GROUPS: u64 = 65_535;
+/// Number of large triangles for each workgroup on a software driver. Mesa's llvmpipe ends all loops of an
+/// invocation after 65,535 iterations in total (`LP_MAX_TGSI_LOOP_ITERATIONS`), and what is left is not drawn.
+/// A triangle takes at most 5,000: one as large as the image, clipped by five planes.
+const SOFTWARE_TRIANGLES_PER_GROUP: u64 = 8;
 
 const RECORDS: &str = include_str!("wgsl/records.wgsl");
 
@@ -34,8 +40,7 @@ pub(crate) struct ImagePipeline {
     /// Visibility in shadow maps: the largest height per texel.
     map_visibility: KernelPass,
     shading: KernelPass,
-    /// Workgroups that share all blocks, and those that share all large triangles.
-    visibility_groups: [[u32; 2]; 2],
+    kind: AdapterKind,
 }
 
 impl ImagePipeline {
@@ -61,10 +66,6 @@ impl ImagePipeline {
             image_visibility: visibility(include_str!("wgsl/camera_target.wgsl"), samples_per_axis),
             map_visibility: visibility(include_str!("wgsl/shadow_map_target.wgsl"), 1),
             shading: KernelPass::new(gpu, &shading, &["shade_tile"], [7, 1], samples_per_axis),
-            visibility_groups: match kind {
-                AdapterKind::Hardware => [[8192, 1], [2048, 1]],
-                AdapterKind::Software => [[64, 1], [32, 1]],
-            },
             scenes: ResidentScenes::new(gpu),
             assets: Assets::new(gpu),
             buffers: ChunkBuffers::new(gpu, &limits.bytes),
@@ -72,6 +73,7 @@ impl ImagePipeline {
             limits,
             batch: ViewBatch::default(),
             samples_per_axis,
+            kind,
         }
     }
 
@@ -102,20 +104,21 @@ impl ImagePipeline {
         buffers.views.write_at(gpu, &batch.views, 0);
         buffers.poses.write_at(gpu, &batch.poses, 0);
         self.bind(gpu, reallocated);
-        let Self { batch, buffers, .. } = self;
+        let Self { batch, buffers, .. } = &*self;
         // Remove all blocks.
         encoder.clear_buffer(buffers.image_blocks.buffer(), 0, Some(4));
         encoder.clear_buffer(buffers.map_blocks.buffer(), 0, Some(4));
         self.placement.encode(encoder, &[[batch.views.len() as u32, 1]]);
-        for (pass, result, n_bytes) in [
-            (&self.image_visibility, &buffers.samples, bytes.samples),
-            (&self.map_visibility, &buffers.heights, bytes.heights),
+        for (pass, result, n_bytes, n_blocks) in [
+            (&self.image_visibility, &buffers.samples, bytes.samples, batch.size.image_blocks),
+            (&self.map_visibility, &buffers.heights, bytes.heights, batch.size.map_blocks),
         ] {
             if n_bytes > 0 {
                 // Reset the count of large triangles.
                 encoder.clear_buffer(buffers.large_triangles.buffer(), 0, Some(4));
                 encoder.clear_buffer(result.buffer(), 0, Some(n_bytes));
-                pass.encode(encoder, &self.visibility_groups);
+                let n_large = bytes.large_triangles / LIST_ENTRY_BYTES;
+                pass.encode(encoder, &visibility_groups(self.kind, n_blocks, n_large));
             }
         }
         self.shading.encode(encoder, &[[(batch.max_side / TILE).pow(2), batch.n_images]]);
@@ -144,6 +147,16 @@ impl ImagePipeline {
     pub(crate) fn chunk_bytes(&self) -> u64 {
         self.buffers.n_bytes()
     }
+}
+
+/// Returns the workgroups that share up to `n_blocks` blocks, and those that share up to `n_large` large
+/// triangles.
+fn visibility_groups(kind: AdapterKind, n_blocks: u64, n_large: u64) -> [[u32; 2]; 2] {
+    let n_groups = match kind {
+        AdapterKind::Hardware => [8192, 2048],
+        AdapterKind::Software => [n_blocks, n_large / SOFTWARE_TRIANGLES_PER_GROUP],
+    };
+    n_groups.map(|n| [n.min(MAX_GROUPS) as u32, 1])
 }
 
 /// Formats the constants of `render/shading.rs` and `math/srgb.rs` as WGSL. `{:?}` prints floats so that they
