@@ -18,8 +18,8 @@ const SCENES: [&str; 6] = [
 /// Copies of all scenes in one batch: enough for several chunks.
 const COPIES: usize = 6;
 
-/// Scene with more large triangles than any other. Their list once overflowed with four samples per pixel, and
-/// what single threads then drew depended on the order in which the threads ran.
+/// Scene with more large triangles than any other. Their list once overflowed with four samples per pixel,
+/// and what single threads then drew depended on the order in which the threads ran.
 const MOST_LARGE_TRIANGLES: &str = "DualArmDrawerOpen/Language-Other-Task";
 
 #[test]

@@ -1,5 +1,5 @@
-//! AVX2 and FMA: two registers per vector, for lanes 0 to 7 and 8 to 15. All bits of a mask's lane are set, or
-//! none.
+//! AVX2 and FMA: two registers per vector, for lanes 0 to 7 and 8 to 15. All bits of a mask's lane are set,
+//! or none.
 
 use core::arch::x86_64::{
     _mm_load_si128 as load_half, _mm256_add_epi32 as add_epi32, _mm256_add_ps as add_ps,

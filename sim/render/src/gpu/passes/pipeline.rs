@@ -18,8 +18,8 @@ const TILE: u32 = 8;
 /// Number of workgroups along one axis that every device accepts.
 const MAX_GROUPS: u64 = 65_535;
 /// Number of large triangles for each workgroup on a software driver. Mesa's llvmpipe ends all loops of an
-/// invocation after 65,535 iterations in total (`LP_MAX_TGSI_LOOP_ITERATIONS`), and what is left is not drawn.
-/// A triangle takes at most 5,000: one as large as the image, clipped by five planes.
+/// invocation after 65,535 iterations in total (`LP_MAX_TGSI_LOOP_ITERATIONS`), and what is left is not
+/// drawn. A triangle takes at most 5,000: one as large as the image, clipped by five planes.
 const SOFTWARE_TRIANGLES_PER_GROUP: u64 = 8;
 
 const RECORDS: &str = include_str!("wgsl/records.wgsl");
