@@ -2,7 +2,8 @@
 //! 1998).
 //!
 //! Every cell that the surface crosses gets one vertex, which is projected onto the surface along the
-//! gradient. The gradient is also its normal.
+//! gradient. The gradient is also its normal. The crate `fast-surface-nets` sees only sampled distances: its
+//! vertices are means of crossings and its normals differences of samples, so every vertex would move.
 
 use super::SignedDistanceField;
 use crate::math::affine::{Vec3, add, dot, normalised, scaled, sub};
