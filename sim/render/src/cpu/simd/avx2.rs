@@ -1,10 +1,25 @@
-//! AVX2 and FMA: two registers per vector.
+//! AVX2 and FMA: two registers per vector, for lanes 0 to 7 and 8 to 15. All bits of a mask's lane are set,
+//! or none.
 
-use core::arch::x86_64::*;
-use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
+use core::arch::x86_64::{
+    _mm_load_si128 as load_half, _mm256_add_epi32 as add_epi32, _mm256_add_ps as add_ps,
+    _mm256_and_si256 as and_si, _mm256_and_si256 as and_mask, _mm256_andnot_si256 as andnot_mask,
+    _mm256_blendv_epi8 as blend_epi32, _mm256_castps_si256 as castps_si, _mm256_castsi256_ps as castsi_ps,
+    _mm256_cmpeq_epi32 as cmpeq_epi32, _mm256_cmpgt_epi32 as cmpgt_epi32,
+    _mm256_cvtepi16_epi32 as cvtepi16_epi32, _mm256_cvtepi32_ps as cvtepi32_ps,
+    _mm256_cvtps_epi32 as cvtps_epi32, _mm256_cvttps_epi32 as cvttps_epi32, _mm256_div_ps as div_ps,
+    _mm256_fmadd_ps as fmadd_ps, _mm256_load_ps as load_ps, _mm256_load_si256 as load_si,
+    _mm256_madd_epi16 as madd_epi16, _mm256_max_epi32 as max_epi32, _mm256_max_ps as max_ps,
+    _mm256_min_epi32 as min_epi32, _mm256_min_ps as min_ps, _mm256_mul_ps as mul_ps,
+    _mm256_mullo_epi16 as mullo_epi16, _mm256_mullo_epi32 as mullo_epi32, _mm256_or_si256 as or_si,
+    _mm256_or_si256 as or_mask, _mm256_set1_epi32 as set1_epi32, _mm256_set1_ps as set1_ps,
+    _mm256_sll_epi32 as sll_epi32, _mm256_sqrt_ps as sqrt_ps, _mm256_sra_epi32 as sra_epi32,
+    _mm256_srl_epi16 as srl_epi16, _mm256_srl_epi32 as srl_epi32, _mm256_store_ps as store_ps,
+    _mm256_store_si256 as store_si, _mm256_sub_epi32 as sub_epi32, _mm256_sub_ps as sub_ps, *,
+};
 
-use crate::cpu::simd::each::each;
-
+use super::each::each;
+use super::registers::{intrinsic, methods, operator, shift, vectors};
 use super::{
     Broadcast, F32x16, FloatLike, I16x16, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask, load_pairs,
 };
@@ -13,59 +28,32 @@ use super::{
 #[derive(Clone, Copy)]
 pub(crate) struct Avx2;
 
-/// Sixteen floats: lanes 0 to 7 and 8 to 15.
-#[derive(Clone, Copy)]
-pub(crate) struct Avx2F32([__m256; 2]);
+vectors! { Avx2, 2 registers, Avx2F32 of __m256, Avx2I32 of __m256i, Avx2Mask of __m256i, also {} }
 
-/// Sixteen integers: lanes 0 to 7 and 8 to 15.
-#[derive(Clone, Copy)]
-pub(crate) struct Avx2I32([__m256i; 2]);
-
-/// Sixteen booleans: all bits of a lane are set, or none.
-#[derive(Clone, Copy)]
-pub(crate) struct Avx2Mask([__m256i; 2]);
-
-/// Evaluates an expression of intrinsics.
-macro_rules! intrinsic {
-    ($call:expr) => {
-        // SAFETY: values of this type exist only in code compiled for AVX2 and FMA, which runs only on
-        // processors that have them (see `super::isa`).
-        unsafe { $call }
-    };
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn cmpgt_ps(a: __m256, b: __m256) -> __m256i {
+    castps_si(_mm256_cmp_ps::<_CMP_GT_OQ>(a, b))
 }
 
-/// Applies an intrinsic to both registers.
-macro_rules! both {
-    ($intrinsic:ident ( $($arg:expr),+ )) => {
-        intrinsic!([
-            $intrinsic($($arg[0]),+),
-            $intrinsic($($arg[1]),+)
-        ])
-    };
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn blend_ps(unset: __m256, set: __m256, mask: __m256i) -> __m256 {
+    _mm256_blendv_ps(unset, set, castsi_ps(mask))
 }
 
-macro_rules! operator {
-    ($type:ident, $trait:ident, $method:ident, $intrinsic:ident) => {
-        impl $trait for $type {
-            type Output = Self;
-            #[inline(always)]
-            fn $method(self, other: Self) -> Self {
-                Self(both!($intrinsic(self.0, other.0)))
-            }
-        }
-    };
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn mask_to_bits(mask: __m256i) -> u16 {
+    _mm256_movemask_ps(castsi_ps(mask)) as u16
 }
 
-operator!(Avx2F32, Add, add, _mm256_add_ps);
-operator!(Avx2F32, Sub, sub, _mm256_sub_ps);
-operator!(Avx2F32, Mul, mul, _mm256_mul_ps);
-operator!(Avx2F32, Div, div, _mm256_div_ps);
-operator!(Avx2I32, Add, add, _mm256_add_epi32);
-operator!(Avx2I32, Sub, sub, _mm256_sub_epi32);
-operator!(Avx2I32, BitAnd, bitand, _mm256_and_si256);
-operator!(Avx2I32, BitOr, bitor, _mm256_or_si256);
-operator!(Avx2Mask, BitAnd, bitand, _mm256_and_si256);
-operator!(Avx2Mask, BitOr, bitor, _mm256_or_si256);
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn mask_from_bits(bits: u16) -> __m256i {
+    let lane = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+    cmpeq_epi32(and_si(set1_epi32(i32::from(bits)), lane), lane)
+}
 
 impl Simd for Avx2 {
     type F = Avx2F32;
@@ -172,218 +160,4 @@ fn transpose_8x8(rows: [__m256; 8]) -> [__m256; 8] {
         }
     });
     columns
-}
-
-impl FloatLike for Avx2F32 {
-    #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self(intrinsic!([_mm256_set1_ps(x); 2]))
-    }
-
-    #[inline(always)]
-    fn mul_add(self, factor: Self, term: Self) -> Self {
-        Self(both!(_mm256_fmadd_ps(self.0, factor.0, term.0)))
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(both!(_mm256_sqrt_ps(self.0)))
-    }
-
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Self(both!(_mm256_max_ps(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Self(both!(_mm256_min_ps(self.0, other.0)))
-    }
-}
-
-impl Broadcast<Avx2> for Avx2F32 {
-    #[inline(always)]
-    fn broadcast(self) -> Self {
-        self
-    }
-}
-
-impl SimdF32 for Avx2F32 {
-    type I = Avx2I32;
-    type M = Avx2Mask;
-
-    #[inline(always)]
-    fn load(from: &F32x16) -> Self {
-        let half = |i: usize| from.0[i..i + 8].as_ptr();
-        Self(intrinsic!([_mm256_load_ps(half(0)), _mm256_load_ps(half(8))]))
-    }
-
-    #[inline(always)]
-    fn load_i16(from: &I16x16) -> Self {
-        Self(each!(i in 2 => intrinsic!({
-            let short = _mm_load_si128(from.0.as_ptr().add(i * 8).cast());
-            _mm256_cvtepi32_ps(_mm256_cvtepi16_epi32(short))
-        })))
-    }
-
-    #[inline(always)]
-    fn store(self, to: &mut F32x16) {
-        for (half, lanes) in self.0.into_iter().zip(to.0.chunks_exact_mut(8)) {
-            intrinsic!(_mm256_store_ps(lanes.as_mut_ptr(), half));
-        }
-    }
-
-    #[inline(always)]
-    fn gt(self, other: Self) -> Avx2Mask {
-        Avx2Mask(each!(i in 2 =>
-            intrinsic!(_mm256_castps_si256(_mm256_cmp_ps::<_CMP_GT_OQ>(self.0[i], other.0[i])))))
-    }
-
-    #[inline(always)]
-    fn select_or(self, mask: Avx2Mask, other: Self) -> Self {
-        Self(each!(i in 2 =>
-            intrinsic!(_mm256_blendv_ps(other.0[i], self.0[i], _mm256_castsi256_ps(mask.0[i])))))
-    }
-
-    #[inline(always)]
-    fn round_to_i32(self) -> Avx2I32 {
-        Avx2I32(both!(_mm256_cvtps_epi32(self.0)))
-    }
-
-    #[inline(always)]
-    fn truncate_to_i32(self) -> Avx2I32 {
-        Avx2I32(both!(_mm256_cvttps_epi32(self.0)))
-    }
-
-    #[inline(always)]
-    fn bitcast_i32(self) -> Avx2I32 {
-        Avx2I32(both!(_mm256_castps_si256(self.0)))
-    }
-}
-
-impl SimdI32 for Avx2I32 {
-    type F = Avx2F32;
-    type M = Avx2Mask;
-
-    #[inline(always)]
-    fn splat(x: i32) -> Self {
-        Self(intrinsic!([_mm256_set1_epi32(x); 2]))
-    }
-
-    #[inline(always)]
-    fn load(from: &I32x16) -> Self {
-        let half = |i: usize| from.0[i..i + 8].as_ptr().cast();
-        Self(intrinsic!([_mm256_load_si256(half(0)), _mm256_load_si256(half(8))]))
-    }
-
-    #[inline(always)]
-    fn store(self, to: &mut I32x16) {
-        for (half, lanes) in self.0.into_iter().zip(to.0.chunks_exact_mut(8)) {
-            intrinsic!(_mm256_store_si256(lanes.as_mut_ptr().cast(), half));
-        }
-    }
-
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        Self(both!(_mm256_mullo_epi32(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn mul_i16(self, other: Self) -> Self {
-        Self(both!(_mm256_mullo_epi16(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn dot_i16(self, other: Self) -> Self {
-        Self(both!(_mm256_madd_epi16(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn shl<const BITS: u32>(self) -> Self {
-        let count = intrinsic!(_mm_cvtsi32_si128(BITS.cast_signed()));
-        Self(each!(i in 2 => intrinsic!(_mm256_sll_epi32(self.0[i], count))))
-    }
-
-    #[inline(always)]
-    fn shr_logical<const BITS: u32>(self) -> Self {
-        let count = intrinsic!(_mm_cvtsi32_si128(BITS.cast_signed()));
-        Self(each!(i in 2 => intrinsic!(_mm256_srl_epi32(self.0[i], count))))
-    }
-
-    #[inline(always)]
-    fn shr_logical_u16<const BITS: u32>(self) -> Self {
-        let count = intrinsic!(_mm_cvtsi32_si128(BITS.cast_signed()));
-        Self(each!(i in 2 => intrinsic!(_mm256_srl_epi16(self.0[i], count))))
-    }
-
-    #[inline(always)]
-    fn shr_arithmetic<const BITS: u32>(self) -> Self {
-        self.shr_arithmetic_by(BITS)
-    }
-
-    #[inline(always)]
-    fn shr_arithmetic_by(self, bits: u32) -> Self {
-        let count = intrinsic!(_mm_cvtsi32_si128(bits.cast_signed()));
-        Self(each!(i in 2 => intrinsic!(_mm256_sra_epi32(self.0[i], count))))
-    }
-
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Self(both!(_mm256_max_epi32(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Self(both!(_mm256_min_epi32(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn gt(self, other: Self) -> Avx2Mask {
-        Avx2Mask(both!(_mm256_cmpgt_epi32(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn eq(self, other: Self) -> Avx2Mask {
-        Avx2Mask(both!(_mm256_cmpeq_epi32(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn select_or(self, mask: Avx2Mask, other: Self) -> Self {
-        Self(both!(_mm256_blendv_epi8(other.0, self.0, mask.0)))
-    }
-
-    #[inline(always)]
-    fn to_f32(self) -> Avx2F32 {
-        Avx2F32(both!(_mm256_cvtepi32_ps(self.0)))
-    }
-
-    #[inline(always)]
-    fn bitcast_f32(self) -> Avx2F32 {
-        Avx2F32(both!(_mm256_castsi256_ps(self.0)))
-    }
-}
-
-impl SimdMask for Avx2Mask {
-    #[inline(always)]
-    fn to_bits(self) -> u16 {
-        let [low, high] =
-            each!(i in 2 => intrinsic!(_mm256_movemask_ps(_mm256_castsi256_ps(self.0[i]))) as u16);
-        low | high << 8
-    }
-
-    #[inline(always)]
-    fn from_bits(bits: u16) -> Self {
-        intrinsic!({
-            let lane = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-            Self(each!(i in 2 => {
-                let here = _mm256_and_si256(_mm256_set1_epi32(i32::from(bits >> (8 * i))), lane);
-                _mm256_cmpeq_epi32(here, lane)
-            }))
-        })
-    }
-
-    #[inline(always)]
-    fn and_not(self, other: Self) -> Self {
-        Self(both!(_mm256_andnot_si256(other.0, self.0)))
-    }
 }

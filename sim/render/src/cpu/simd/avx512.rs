@@ -1,60 +1,89 @@
-//! AVX-512 (F, BW, DQ, VL): one register per vector.
+//! AVX-512 (F, BW, DQ, VL): one register per vector, and a mask register per mask.
 
-use core::arch::x86_64::*;
-use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
+use core::arch::x86_64::{
+    _kand_mask16 as and_mask, _kandn_mask16 as andnot_mask, _kor_mask16 as or_mask,
+    _mm256_load_si256 as load_half, _mm512_add_epi32 as add_epi32, _mm512_add_ps as add_ps,
+    _mm512_and_si512 as and_si, _mm512_castps_si512 as castps_si, _mm512_castsi512_ps as castsi_ps,
+    _mm512_cmpeq_epi32_mask as cmpeq_epi32, _mm512_cmpgt_epi32_mask as cmpgt_epi32,
+    _mm512_cvtepi16_epi32 as cvtepi16_epi32, _mm512_cvtepi32_ps as cvtepi32_ps,
+    _mm512_cvtps_epi32 as cvtps_epi32, _mm512_cvttps_epi32 as cvttps_epi32, _mm512_div_ps as div_ps,
+    _mm512_fmadd_ps as fmadd_ps, _mm512_load_ps as load_ps, _mm512_load_si512 as load_si,
+    _mm512_madd_epi16 as madd_epi16, _mm512_max_epi32 as max_epi32, _mm512_max_ps as max_ps,
+    _mm512_min_epi32 as min_epi32, _mm512_min_ps as min_ps, _mm512_mul_ps as mul_ps,
+    _mm512_mullo_epi16 as mullo_epi16, _mm512_mullo_epi32 as mullo_epi32, _mm512_or_si512 as or_si,
+    _mm512_set1_epi32 as set1_epi32, _mm512_set1_ps as set1_ps, _mm512_sll_epi32 as sll_epi32,
+    _mm512_sqrt_ps as sqrt_ps, _mm512_sra_epi32 as sra_epi32, _mm512_srl_epi16 as srl_epi16,
+    _mm512_srl_epi32 as srl_epi32, _mm512_store_ps as store_ps, _mm512_store_si512 as store_si,
+    _mm512_sub_epi32 as sub_epi32, _mm512_sub_ps as sub_ps, *,
+};
 
-use crate::cpu::simd::each::each;
-
+use super::each::each;
+use super::permute512;
+use super::registers::{intrinsic, methods, operator, shift, vectors};
 use super::{
     Broadcast, F32x16, FloatLike, I16x16, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask, load_pairs,
-    permute512,
 };
 
 /// The AVX-512 implementation.
 #[derive(Clone, Copy)]
 pub(crate) struct Avx512;
 
-/// Sixteen floats in a register.
-#[derive(Clone, Copy)]
-pub(crate) struct Avx512F32(__m512);
+vectors! { Avx512, 1 registers, Avx512F32 of __m512, Avx512I32 of __m512i, Avx512Mask of __mmask16, also {
+    #[inline(always)]
+    fn load_partial(from: &[i32], rest: i32) -> Self {
+        let n = from.len().min(N_LANES);
+        let there = ((1_u32 << n) - 1) as u16;
+        // The mask suppresses reads beyond the slice.
+        Self([intrinsic!(_mm512_mask_loadu_epi32(_mm512_set1_epi32(rest), there, from.as_ptr()))])
+    }
 
-/// Sixteen integers in a register.
-#[derive(Clone, Copy)]
-pub(crate) struct Avx512I32(__m512i);
+    #[inline(always)]
+    fn reduce_min_u16(self) -> [u16; 2] {
+        let min = intrinsic!({
+            let eight =
+                _mm256_min_epu16(_mm512_castsi512_si256(self.0[0]), _mm512_extracti64x4_epi64::<1>(self.0[0]));
+            let four = _mm_min_epu16(_mm256_castsi256_si128(eight), _mm256_extracti128_si256::<1>(eight));
+            let two = _mm_min_epu16(four, _mm_shuffle_epi32::<0b0100_1110>(four));
+            _mm_cvtsi128_si32(_mm_min_epu16(two, _mm_shuffle_epi32::<0b1011_0001>(two)))
+        });
+        [min as u16, (min >> 16) as u16]
+    }
 
-/// Sixteen booleans in a mask register.
-#[derive(Clone, Copy)]
-pub(crate) struct Avx512Mask(__mmask16);
+    #[inline(always)]
+    fn reduce_max(self) -> i32 {
+        intrinsic!(_mm512_reduce_max_epi32(self.0[0]))
+    }
+} }
 
-/// Evaluates an expression of intrinsics.
-macro_rules! intrinsic {
-    ($call:expr) => {
-        // SAFETY: values of this type exist only in code compiled for AVX-512, which runs only on processors
-        // that have it (see `super::isa`).
-        unsafe { $call }
-    };
+#[inline]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+fn cmpgt_ps(a: __m512, b: __m512) -> __mmask16 {
+    _mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b)
 }
 
-macro_rules! operator {
-    ($type:ident, $trait:ident, $method:ident, $intrinsic:ident) => {
-        impl $trait for $type {
-            type Output = Self;
-            #[inline(always)]
-            fn $method(self, other: Self) -> Self {
-                Self(intrinsic!($intrinsic(self.0, other.0)))
-            }
-        }
-    };
+#[inline]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+fn blend_ps(unset: __m512, set: __m512, mask: __mmask16) -> __m512 {
+    _mm512_mask_blend_ps(mask, unset, set)
 }
 
-operator!(Avx512F32, Add, add, _mm512_add_ps);
-operator!(Avx512F32, Sub, sub, _mm512_sub_ps);
-operator!(Avx512F32, Mul, mul, _mm512_mul_ps);
-operator!(Avx512F32, Div, div, _mm512_div_ps);
-operator!(Avx512I32, Add, add, _mm512_add_epi32);
-operator!(Avx512I32, Sub, sub, _mm512_sub_epi32);
-operator!(Avx512I32, BitAnd, bitand, _mm512_and_si512);
-operator!(Avx512I32, BitOr, bitor, _mm512_or_si512);
+#[inline]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+fn blend_epi32(unset: __m512i, set: __m512i, mask: __mmask16) -> __m512i {
+    _mm512_mask_blend_epi32(mask, unset, set)
+}
+
+#[inline]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+fn mask_to_bits(mask: __mmask16) -> u16 {
+    mask
+}
+
+#[inline]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+fn mask_from_bits(bits: u16) -> __mmask16 {
+    bits
+}
 
 impl Simd for Avx512 {
     type F = Avx512F32;
@@ -63,14 +92,14 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn transpose(rows: [Avx512F32; N_LANES]) -> [Avx512F32; N_LANES] {
-        let mut pairs = [rows[0].0; N_LANES];
+        let mut pairs = [rows[0].0[0]; N_LANES];
         let mut quads = pairs;
         let mut halves = pairs;
         let mut columns = rows;
         intrinsic!({
             for i in (0..N_LANES).step_by(2) {
-                pairs[i] = _mm512_unpacklo_ps(rows[i].0, rows[i + 1].0);
-                pairs[i + 1] = _mm512_unpackhi_ps(rows[i].0, rows[i + 1].0);
+                pairs[i] = _mm512_unpacklo_ps(rows[i].0[0], rows[i + 1].0[0]);
+                pairs[i + 1] = _mm512_unpackhi_ps(rows[i].0[0], rows[i + 1].0[0]);
             }
             for i in (0..N_LANES).step_by(4) {
                 quads[i] = _mm512_shuffle_ps::<0x44>(pairs[i], pairs[i + 2]);
@@ -86,10 +115,10 @@ impl Simd for Avx512 {
                 halves[k + 12] = _mm512_shuffle_f32x4::<0xDD>(quads[k + 8], quads[k + 12]);
             }
             for k in 0..4 {
-                columns[k] = Avx512F32(_mm512_shuffle_f32x4::<0x88>(halves[k], halves[k + 8]));
-                columns[k + 4] = Avx512F32(_mm512_shuffle_f32x4::<0x88>(halves[k + 4], halves[k + 12]));
-                columns[k + 8] = Avx512F32(_mm512_shuffle_f32x4::<0xDD>(halves[k], halves[k + 8]));
-                columns[k + 12] = Avx512F32(_mm512_shuffle_f32x4::<0xDD>(halves[k + 4], halves[k + 12]));
+                columns[k] = Avx512F32([_mm512_shuffle_f32x4::<0x88>(halves[k], halves[k + 8])]);
+                columns[k + 4] = Avx512F32([_mm512_shuffle_f32x4::<0x88>(halves[k + 4], halves[k + 12])]);
+                columns[k + 8] = Avx512F32([_mm512_shuffle_f32x4::<0xDD>(halves[k], halves[k + 8])]);
+                columns[k + 12] = Avx512F32([_mm512_shuffle_f32x4::<0xDD>(halves[k + 4], halves[k + 12])]);
             }
         });
         columns
@@ -105,8 +134,8 @@ impl Simd for Avx512 {
             let even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
             let odd = _mm512_or_si512(even, _mm512_set1_epi32(1));
             (
-                Avx512I32(_mm512_permutex2var_epi32(low, even, high)),
-                Avx512I32(_mm512_permutex2var_epi32(low, odd, high)),
+                Avx512I32([_mm512_permutex2var_epi32(low, even, high)]),
+                Avx512I32([_mm512_permutex2var_epi32(low, odd, high)]),
             )
         })
     }
@@ -118,8 +147,8 @@ impl Simd for Avx512 {
         pitch: usize,
         [x, y]: [Avx512I32; 2],
     ) -> Option<[Avx512I32; 4]> {
-        let words = intrinsic!(permute512::of_words(words, first, pitch, [x.0, y.0]))?;
-        Some(each!(k in 4 => Avx512I32(words[k])))
+        let words = intrinsic!(permute512::of_words(words, first, pitch, [x.0[0], y.0[0]]))?;
+        Some(each!(k in 4 => Avx512I32([words[k]])))
     }
 
     #[inline(always)]
@@ -129,8 +158,8 @@ impl Simd for Avx512 {
         pitch: usize,
         [x, y]: [Avx512I32; 2],
     ) -> Option<[Avx512I32; 2]> {
-        let halves = intrinsic!(permute512::of_halves(halves, first, pitch, [x.0, y.0]))?;
-        Some(each!(k in 2 => Avx512I32(halves[k])))
+        let halves = intrinsic!(permute512::of_halves(halves, first, pitch, [x.0[0], y.0[0]]))?;
+        Some(each!(k in 2 => Avx512I32([halves[k]])))
     }
 
     #[inline(always)]
@@ -138,10 +167,10 @@ impl Simd for Avx512 {
         intrinsic!({
             // One pixel row each, with the quarters of the four tiles side by side.
             let rows = [
-                _mm512_unpacklo_epi64(a.0, b.0),
-                _mm512_unpackhi_epi64(a.0, b.0),
-                _mm512_unpacklo_epi64(c.0, d.0),
-                _mm512_unpackhi_epi64(c.0, d.0),
+                _mm512_unpacklo_epi64(a.0[0], b.0[0]),
+                _mm512_unpackhi_epi64(a.0[0], b.0[0]),
+                _mm512_unpacklo_epi64(c.0[0], d.0[0]),
+                _mm512_unpackhi_epi64(c.0[0], d.0[0]),
             ];
             let upper = [
                 _mm512_shuffle_i32x4::<0x44>(rows[0], rows[1]),
@@ -152,10 +181,10 @@ impl Simd for Avx512 {
                 _mm512_shuffle_i32x4::<0xEE>(rows[2], rows[3]),
             ];
             [
-                Avx512I32(_mm512_shuffle_i32x4::<0x88>(upper[0], lower[0])),
-                Avx512I32(_mm512_shuffle_i32x4::<0xDD>(upper[0], lower[0])),
-                Avx512I32(_mm512_shuffle_i32x4::<0x88>(upper[1], lower[1])),
-                Avx512I32(_mm512_shuffle_i32x4::<0xDD>(upper[1], lower[1])),
+                Avx512I32([_mm512_shuffle_i32x4::<0x88>(upper[0], lower[0])]),
+                Avx512I32([_mm512_shuffle_i32x4::<0xDD>(upper[0], lower[0])]),
+                Avx512I32([_mm512_shuffle_i32x4::<0x88>(upper[1], lower[1])]),
+                Avx512I32([_mm512_shuffle_i32x4::<0xDD>(upper[1], lower[1])]),
             ]
         })
     }
@@ -163,16 +192,16 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn compress(numbers: Avx512I32, keep: Avx512Mask, to: &mut [i32; N_LANES]) -> usize {
         intrinsic!({
-            let kept = _mm512_maskz_compress_epi32(keep.0, numbers.0);
+            let kept = _mm512_maskz_compress_epi32(keep.0[0], numbers.0[0]);
             _mm512_storeu_si512(to.as_mut_ptr().cast(), kept);
         });
-        keep.0.count_ones() as usize
+        keep.0[0].count_ones() as usize
     }
 
     #[inline(always)]
     fn store_rgb(pixels: Avx512I32, rows: [&mut [u8; 12]; 4]) {
         let [a, b, c, d] = rows;
-        let bytes = intrinsic!(permute512::pack_rgb(pixels.0));
+        let bytes = intrinsic!(permute512::pack_rgb(pixels.0[0]));
         intrinsic!({
             _mm_mask_storeu_epi32(a.as_mut_ptr().cast(), 0b0111, _mm512_castsi512_si128(bytes));
             _mm_mask_storeu_epi32(b.as_mut_ptr().cast(), 0b0111, _mm512_extracti32x4_epi32::<1>(bytes));
@@ -183,7 +212,7 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn store_rgb_x4(pixels: [Avx512I32; 4], rows: [&mut [u8; 48]; 4]) {
-        let [a, b, c, d] = each!(k in 4 => intrinsic!(permute512::pack_rgb(pixels[k].0)));
+        let [a, b, c, d] = each!(k in 4 => intrinsic!(permute512::pack_rgb(pixels[k].0[0])));
         let [first, second, third, fourth] = rows;
         intrinsic!({
             let (ab, cd) = (_mm512_shuffle_i32x4::<0x44>(a, b), _mm512_shuffle_i32x4::<0x44>(c, d));
@@ -201,240 +230,5 @@ impl Simd for Avx512 {
             _mm512_mask_storeu_epi32(third.as_mut_ptr().cast(), 0x0FFF, g);
             _mm512_mask_storeu_epi32(fourth.as_mut_ptr().cast(), 0x0FFF, h);
         });
-    }
-}
-
-impl FloatLike for Avx512F32 {
-    #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self(intrinsic!(_mm512_set1_ps(x)))
-    }
-
-    #[inline(always)]
-    fn mul_add(self, factor: Self, term: Self) -> Self {
-        Self(intrinsic!(_mm512_fmadd_ps(self.0, factor.0, term.0)))
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(intrinsic!(_mm512_sqrt_ps(self.0)))
-    }
-
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Self(intrinsic!(_mm512_max_ps(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Self(intrinsic!(_mm512_min_ps(self.0, other.0)))
-    }
-}
-
-impl Broadcast<Avx512> for Avx512F32 {
-    #[inline(always)]
-    fn broadcast(self) -> Self {
-        self
-    }
-}
-
-impl SimdF32 for Avx512F32 {
-    type I = Avx512I32;
-    type M = Avx512Mask;
-
-    #[inline(always)]
-    fn load(from: &F32x16) -> Self {
-        Self(intrinsic!(_mm512_load_ps(from.0.as_ptr())))
-    }
-
-    #[inline(always)]
-    fn load_i16(from: &I16x16) -> Self {
-        Self(intrinsic!({
-            let short = _mm256_load_si256(from.0.as_ptr().cast());
-            _mm512_cvtepi32_ps(_mm512_cvtepi16_epi32(short))
-        }))
-    }
-
-    #[inline(always)]
-    fn store(self, to: &mut F32x16) {
-        intrinsic!(_mm512_store_ps(to.0.as_mut_ptr(), self.0));
-    }
-
-    #[inline(always)]
-    fn gt(self, other: Self) -> Avx512Mask {
-        Avx512Mask(intrinsic!(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn select_or(self, mask: Avx512Mask, other: Self) -> Self {
-        Self(intrinsic!(_mm512_mask_blend_ps(mask.0, other.0, self.0)))
-    }
-
-    #[inline(always)]
-    fn round_to_i32(self) -> Avx512I32 {
-        Avx512I32(intrinsic!(_mm512_cvtps_epi32(self.0)))
-    }
-
-    #[inline(always)]
-    fn truncate_to_i32(self) -> Avx512I32 {
-        Avx512I32(intrinsic!(_mm512_cvttps_epi32(self.0)))
-    }
-
-    #[inline(always)]
-    fn bitcast_i32(self) -> Avx512I32 {
-        Avx512I32(intrinsic!(_mm512_castps_si512(self.0)))
-    }
-}
-
-impl SimdI32 for Avx512I32 {
-    type F = Avx512F32;
-    type M = Avx512Mask;
-
-    #[inline(always)]
-    fn splat(x: i32) -> Self {
-        Self(intrinsic!(_mm512_set1_epi32(x)))
-    }
-
-    #[inline(always)]
-    fn load(from: &I32x16) -> Self {
-        Self(intrinsic!(_mm512_load_si512(from.0.as_ptr().cast())))
-    }
-
-    #[inline(always)]
-    fn load_partial(from: &[i32], rest: i32) -> Self {
-        let n = from.len().min(N_LANES);
-        let there = ((1_u32 << n) - 1) as u16;
-        // The mask suppresses reads beyond the slice.
-        Self(intrinsic!(_mm512_mask_loadu_epi32(_mm512_set1_epi32(rest), there, from.as_ptr())))
-    }
-
-    #[inline(always)]
-    fn store(self, to: &mut I32x16) {
-        intrinsic!(_mm512_store_si512(to.0.as_mut_ptr().cast(), self.0));
-    }
-
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        Self(intrinsic!(_mm512_mullo_epi32(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn mul_i16(self, other: Self) -> Self {
-        Self(intrinsic!(_mm512_mullo_epi16(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn dot_i16(self, other: Self) -> Self {
-        Self(intrinsic!(_mm512_madd_epi16(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn shl<const BITS: u32>(self) -> Self {
-        Self(intrinsic!(_mm512_slli_epi32::<BITS>(self.0)))
-    }
-
-    #[inline(always)]
-    fn shr_logical<const BITS: u32>(self) -> Self {
-        Self(intrinsic!(_mm512_srli_epi32::<BITS>(self.0)))
-    }
-
-    #[inline(always)]
-    fn shr_logical_u16<const BITS: u32>(self) -> Self {
-        Self(intrinsic!(_mm512_srli_epi16::<BITS>(self.0)))
-    }
-
-    #[inline(always)]
-    fn shr_arithmetic<const BITS: u32>(self) -> Self {
-        Self(intrinsic!(_mm512_srai_epi32::<BITS>(self.0)))
-    }
-
-    #[inline(always)]
-    fn shr_arithmetic_by(self, bits: u32) -> Self {
-        Self(intrinsic!(_mm512_sra_epi32(self.0, _mm_cvtsi32_si128(bits.cast_signed()))))
-    }
-
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Self(intrinsic!(_mm512_max_epi32(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Self(intrinsic!(_mm512_min_epi32(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn reduce_min_u16(self) -> [u16; 2] {
-        let min = intrinsic!({
-            let eight =
-                _mm256_min_epu16(_mm512_castsi512_si256(self.0), _mm512_extracti64x4_epi64::<1>(self.0));
-            let four = _mm_min_epu16(_mm256_castsi256_si128(eight), _mm256_extracti128_si256::<1>(eight));
-            let two = _mm_min_epu16(four, _mm_shuffle_epi32::<0b0100_1110>(four));
-            _mm_cvtsi128_si32(_mm_min_epu16(two, _mm_shuffle_epi32::<0b1011_0001>(two)))
-        });
-        [min as u16, (min >> 16) as u16]
-    }
-
-    #[inline(always)]
-    fn reduce_max(self) -> i32 {
-        intrinsic!(_mm512_reduce_max_epi32(self.0))
-    }
-
-    #[inline(always)]
-    fn gt(self, other: Self) -> Avx512Mask {
-        Avx512Mask(intrinsic!(_mm512_cmpgt_epi32_mask(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn eq(self, other: Self) -> Avx512Mask {
-        Avx512Mask(intrinsic!(_mm512_cmpeq_epi32_mask(self.0, other.0)))
-    }
-
-    #[inline(always)]
-    fn select_or(self, mask: Avx512Mask, other: Self) -> Self {
-        Self(intrinsic!(_mm512_mask_blend_epi32(mask.0, other.0, self.0)))
-    }
-
-    #[inline(always)]
-    fn to_f32(self) -> Avx512F32 {
-        Avx512F32(intrinsic!(_mm512_cvtepi32_ps(self.0)))
-    }
-
-    #[inline(always)]
-    fn bitcast_f32(self) -> Avx512F32 {
-        Avx512F32(intrinsic!(_mm512_castsi512_ps(self.0)))
-    }
-}
-
-impl BitAnd for Avx512Mask {
-    type Output = Self;
-    #[inline(always)]
-    fn bitand(self, other: Self) -> Self {
-        Self(self.0 & other.0)
-    }
-}
-
-impl BitOr for Avx512Mask {
-    type Output = Self;
-    #[inline(always)]
-    fn bitor(self, other: Self) -> Self {
-        Self(self.0 | other.0)
-    }
-}
-
-impl SimdMask for Avx512Mask {
-    #[inline(always)]
-    fn to_bits(self) -> u16 {
-        self.0
-    }
-
-    #[inline(always)]
-    fn from_bits(bits: u16) -> Self {
-        Self(bits)
-    }
-
-    #[inline(always)]
-    fn and_not(self, other: Self) -> Self {
-        Self(self.0 & !other.0)
     }
 }

@@ -4,8 +4,11 @@
 //! function that contains it, so intrinsics inside would become function calls. For the same reason no code
 //! of this renderer passes vectors through other closures.
 
-/// Expands `each!(k in 3 => f(k))` to `[f(0), f(1), f(2)]`. Supports 2, 3, 4, 8 and 16 elements.
+/// Expands `each!(k in 3 => f(k))` to `[f(0), f(1), f(2)]`. Supports 1, 2, 3, 4, 8 and 16 elements.
 macro_rules! each {
+    ($k:ident in 1 => $value:expr) => {
+        $crate::cpu::simd::each::each!($k of [0] => $value)
+    };
     ($k:ident in 2 => $value:expr) => {
         $crate::cpu::simd::each::each!($k of [0, 1] => $value)
     };

@@ -13,6 +13,8 @@ pub(crate) mod isa;
 #[cfg(target_arch = "x86_64")]
 mod permute512;
 mod portable;
+#[cfg(target_arch = "x86_64")]
+mod registers;
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
