@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use support::{FinishedRun, act_tiny, finish, hypogeum, hypogeum_after, is_possible, is_root, rows, run};
+use support::{FinishedRun, act_tiny, finish, hypogeum, hypogeum_after, rows, run};
 
 /// Time within which a run that cannot start has to end.
 const PROMPT: Duration = Duration::from_secs(30);
@@ -144,12 +144,10 @@ impl Drop for MemoryGroup {
 }
 
 #[test]
+#[ignore = "needs root and a memory controller"]
 fn memory_of_the_control_group_is_what_counts() {
-    let group = MemoryGroup::new(90);
-    if !is_possible(group.is_some(), "control groups with a memory controller (root)") {
-        return;
-    }
-    let (group, dir) = (group.unwrap(), tempfile::tempdir().unwrap());
+    let group = MemoryGroup::new(90).expect("root may make a control group with a memory controller");
+    let dir = tempfile::tempdir().unwrap();
     let act = format!("act=act:{}/../checkpoints/act-small", env!("CARGO_MANIFEST_DIR"));
     let args = ["run", "--tasks", "RaiseCube", "--episodes", "128", "--policy"];
     let fixed = [&args[..], &[&act, "--envs", "128", "--db", "fixed.db"]].concat();
@@ -296,20 +294,12 @@ fn run_with_mounts(dir: &Path, script: &str) -> Command {
 
 /// Options of unshare(1): a mount namespace, and for an ordinary user one of users, too.
 fn namespace_options() -> &'static [&'static str] {
-    if is_root() { &["--mount"] } else { &["--map-root-user", "--mount"] }
-}
-
-fn has_namespaces() -> bool {
-    let mut command = Command::new("unshare");
-    command.args(namespace_options()).args(["sh", "-c", "mount -t tmpfs tmpfs /dev/shm 2> /dev/null"]);
-    command.status().is_ok_and(|status| status.success())
+    if rustix::process::geteuid().is_root() { &["--mount"] } else { &["--map-root-user", "--mount"] }
 }
 
 #[test]
+#[ignore = "needs mount namespaces: root, or user namespaces"]
 fn shared_memory_without_room_is_named() {
-    if !is_possible(has_namespaces(), "mount namespaces (root, or user namespaces)") {
-        return;
-    }
     let dir = tempfile::tempdir().unwrap();
     let cases: [(&str, &[&str]); 5] = [
         ("-o ro", &["Read-only file system", "mode 1777"]),
@@ -326,10 +316,8 @@ fn shared_memory_without_room_is_named() {
 }
 
 #[test]
+#[ignore = "needs mount namespaces: root, or user namespaces"]
 fn shared_memory_that_fills_up_is_named() {
-    if !is_possible(has_namespaces(), "mount namespaces (root, or user namespaces)") {
-        return;
-    }
     let dir = tempfile::tempdir().unwrap();
     // The checks before the start pass; then somebody else takes what is left.
     let started =
@@ -359,10 +347,8 @@ fn shared_memory_that_fills_up_is_named() {
 }
 
 #[test]
+#[ignore = "needs mount namespaces: root, or user namespaces"]
 fn full_or_closed_file_systems_are_named() {
-    if !is_possible(has_namespaces(), "mount namespaces (root, or user namespaces)") {
-        return;
-    }
     let dir = tempfile::tempdir().unwrap();
     fs::create_dir(dir.path().join("m")).unwrap();
     let full = "mount -t tmpfs -o size=4k tmpfs m && echo > m/rest";
@@ -381,20 +367,16 @@ fn full_or_closed_file_systems_are_named() {
 }
 
 #[test]
+#[ignore = "needs mount namespaces: root, or user namespaces"]
 fn missing_proc_is_named() {
-    if !is_possible(has_namespaces(), "mount namespaces (root, or user namespaces)") {
-        return;
-    }
     let dir = tempfile::tempdir().unwrap();
     let hidden = run_with_mounts(dir.path(), "mount -t tmpfs tmpfs /proc && exec \"$@\"");
     assert_refused(dir.path(), hidden, &["/proc/self/exe", "mount -t proc"]);
 }
 
 #[test]
+#[ignore = "needs root"]
 fn missing_rights_and_processes_are_named() {
-    if !is_possible(is_root(), "root") {
-        return;
-    }
     let dir = tempfile::tempdir().unwrap();
     fs::set_permissions(dir.path(), Permissions::from_mode(0o755)).unwrap();
     fs::copy(support::program(), dir.path().join("program")).unwrap();

@@ -16,7 +16,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
-use support::{FinishedRun, Row, act_tiny, finish, is_possible, is_root, program, rows};
+use support::{FinishedRun, Row, act_tiny, finish, program, rows};
 
 /// User of the run.
 const RUNNER: u32 = 54_321;
@@ -26,52 +26,65 @@ const ATTACKER: u32 = 65_534;
 const RUN_TIMEOUT: Duration = Duration::from_secs(60);
 /// Environment variable with the folder of the scenario.
 const FOLDER: &str = "HYPOGEUM_TEST_FOLDER";
+/// Environment variable with the part that a process plays.
+const ROLE: &str = "HYPOGEUM_TEST_ROLE";
 /// End of the name of the only segment that can be predicted from the prefix.
 const PREDICTABLE: &str = "9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_mgmt";
 
+/// Starts itself twice more: as the scenario in a mount namespace, and as the attacker.
 #[test]
+#[ignore = "needs root"]
 fn second_user_cannot_disturb_a_run() {
-    if !is_possible(is_root(), "root") {
-        return;
+    let folder = std::env::var_os(FOLDER).map(PathBuf::from);
+    match (std::env::var(ROLE).as_deref(), folder) {
+        (Ok("scenario"), Some(folder)) => run_scenario(&folder),
+        (Ok("attacker"), Some(folder)) => disturb(folder),
+        _ => start_scenario(),
     }
+}
+
+/// Returns the command line of another process of this test.
+fn command_line(role: &str) -> String {
+    format!("env {ROLE}={role} ./test --ignored --exact second_user_cannot_disturb_a_run")
+}
+
+fn start_scenario() {
     let dir = tempfile::tempdir().unwrap();
     fs::set_permissions(dir.path(), Permissions::from_mode(0o755)).unwrap();
     fs::copy(program(), dir.path().join("program")).unwrap();
     fs::copy(std::env::current_exe().unwrap(), dir.path().join("test")).unwrap();
     let copied = Command::new("cp").args(["-r", &act_tiny()]).arg(dir.path().join("act")).status().unwrap();
     assert!(copied.success());
-    let script = "mount -t tmpfs -o mode=1777 tmpfs /dev/shm && exec ./test --ignored --exact scenario";
+    let scenario = command_line("scenario");
+    let script = format!("mount -t tmpfs -o mode=1777 tmpfs /dev/shm && exec {scenario}");
     let mut command = Command::new("unshare");
-    command.args(["--mount", "sh", "-c", script]).env(FOLDER, dir.path()).current_dir(dir.path());
+    command.args(["--mount", "sh", "-c", &script]).env(FOLDER, dir.path()).current_dir(dir.path());
     command.stdout(Stdio::piped()).stderr(Stdio::piped());
     let _ = finish(command.spawn().unwrap()).expect_code(0);
 }
 
 /// The part in the mount namespace.
-#[test]
-#[ignore = "run by second_user_cannot_disturb_a_run"]
-fn scenario() {
-    let dir = PathBuf::from(std::env::var_os(FOLDER).unwrap());
+fn run_scenario(dir: &Path) {
     let own = dir.join("own");
     fs::create_dir(&own).unwrap();
     std::os::unix::fs::chown(&own, Some(RUNNER), Some(RUNNER)).unwrap();
-    let reference = run_to_end(&dir, "reference");
+    let reference = run_to_end(dir, "reference");
     assert_eq!(reference.len(), 24);
     assert_eq!(segments_of(RUNNER), 0);
 
-    let attacker = attack(&dir);
+    let attacker = attack(dir);
     // The attacker is there before the run starts.
     eventually("the attacker starts", || dir.join("report/started").exists());
-    assert_eq!(run_to_end(&dir, "attacked"), reference);
+    assert_eq!(run_to_end(dir, "attacked"), reference);
     assert_eq!(segments_of(RUNNER), 0, "segments were left");
 
     // A killed child is cleaned up in spite of the attacker's files, and so is a killed run.
-    let run = start(&dir, "killed-sim");
+    let run = start(dir, "killed-sim");
     let sim = child_with(run.id(), "sim");
     std::thread::sleep(Duration::from_millis(500));
     kill_process(sim, Signal::KILL).unwrap();
-    assert_eq!(finish_in_time(run, &dir, "killed-sim"), reference);
-    let mut run = start(&dir, "killed");
+    assert_eq!(finish_in_time(run, dir, "killed-sim"), reference);
+    let mut run = start(dir, "killed");
     let children = ["sim", "policy-host"].map(|name| child_with(run.id(), name));
     run.kill().unwrap();
     for child in children {
@@ -80,11 +93,11 @@ fn scenario() {
     }
     run.wait().unwrap();
     eventually("the children exit", || !is_running(RUNNER));
-    assert_eq!(run_to_end(&dir, "after-kill"), reference);
+    assert_eq!(run_to_end(dir, "after-kill"), reference);
     assert_eq!(segments_of(RUNNER), 0, "segments were left");
 
     let n_planted = segments_of(ATTACKER);
-    let report = stop(attacker, &dir);
+    let report = stop(attacker, dir);
     assert!(n_planted > 50, "the attacker planted {n_planted} files\n{report}");
     for trace in ["arguments were read", "the folder is closed", "a host was refused"] {
         assert!(report.contains(trace), "the attacker has not got to `{trace}`:\n{report}");
@@ -92,7 +105,7 @@ fn scenario() {
     assert!(!report.contains("BREACH"), "{report}");
 
     // Its files stay, and do not disturb later runs either.
-    assert_eq!(run_to_end(&dir, "later"), reference);
+    assert_eq!(run_to_end(dir, "later"), reference);
     assert_eq!(segments_of(RUNNER), 0, "segments were left");
     assert_eq!(fs::read_dir(own.join("hypogeum")).unwrap().count(), 0, "run folders were left");
 }
@@ -172,8 +185,9 @@ fn attack(dir: &Path) -> Child {
     let report = dir.join("report");
     fs::create_dir(&report).unwrap();
     std::os::unix::fs::chown(&report, Some(ATTACKER), Some(ATTACKER)).unwrap();
-    let mut command = as_user(dir.join("test"), ATTACKER, dir);
-    command.args(["--ignored", "--exact", "attacker"]).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut command = as_user("sh".into(), ATTACKER, dir);
+    command.args(["-c", &format!("exec {}", command_line("attacker"))]);
+    command.stdout(Stdio::null()).stderr(Stdio::null());
     command.env(FOLDER, dir).spawn().unwrap()
 }
 
@@ -188,10 +202,7 @@ fn stop(mut attacker: Child, dir: &Path) -> String {
 }
 
 /// The attacker. It records each kind of success (`BREACH`) and of failure once.
-#[test]
-#[ignore = "a role of second_user_cannot_disturb_a_run"]
-fn attacker() {
-    let dir = PathBuf::from(std::env::var_os(FOLDER).unwrap());
+fn disturb(dir: PathBuf) {
     let [recorded, prefixes, joined] = [const { BTreeSet::new() }; 3];
     let mut attacker = Attacker { dir, recorded, prefixes, joined, n_planted: 0 };
     attacker.record("started");

@@ -75,25 +75,6 @@ pub fn hypogeum_after(dir: &Path, script: &str, args: &[&str]) -> Command {
     command
 }
 
-/// Returns `true` if the test may go on, which needs `what`. Otherwise says that it is skipped, or fails if
-/// the environment variable `HYPOGEUM_REQUIRE_ROOT_TESTS` demands it.
-#[must_use]
-#[expect(clippy::print_stderr, reason = "the output of a test")]
-pub fn is_possible(possible: bool, what: &str) -> bool {
-    let required = std::env::var_os("HYPOGEUM_REQUIRE_ROOT_TESTS").is_some_and(|value| value == "1");
-    assert!(possible || !required, "HYPOGEUM_REQUIRE_ROOT_TESTS is set, but this test needs {what}");
-    if !possible {
-        eprintln!("skipped: this test needs {what}");
-    }
-    possible
-}
-
-/// Returns `true` if this is root.
-#[must_use]
-pub fn is_root() -> bool {
-    rustix::process::geteuid().is_root()
-}
-
 /// Runs the program to completion, killing it at the deadline.
 #[must_use]
 pub fn run(dir: &Path, args: &[&str]) -> FinishedRun {

@@ -1,4 +1,4 @@
-//! The language of names and comments.
+//! The language of names and comments, and the form of tests.
 
 use std::collections::BTreeMap;
 
@@ -89,6 +89,26 @@ fn test_names_are_short() {
         }
     }
     assert_none(&long, &format!("test names have at most {MAX_TEST_NAME_WORDS} words"));
+}
+
+/// A test that cannot run somewhere is reported as ignored, with the reason.
+#[test]
+fn tests_do_not_return_early() {
+    let mut early = Vec::new();
+    for source in rust_sources().iter().filter(|source| source.path != "tests/tidy/language.rs") {
+        let (mut in_test, mut indent) = (false, 0);
+        for (number, line) in source.numbered() {
+            let code = line.trim();
+            if code == "#[test]" {
+                (in_test, indent) = (true, line.len() - code.len());
+            } else if code == "}" && line.len() - code.len() == indent {
+                in_test = false;
+            } else if in_test && (code.contains("return;") || code.contains("{ return }")) {
+                early.push(format!("{}:{number}: {code}", source.path));
+            }
+        }
+    }
+    assert_none(&early, "a test that needs what is not everywhere has `#[ignore = \"needs ...\"]`");
 }
 
 #[test]

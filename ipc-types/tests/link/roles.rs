@@ -1,5 +1,4 @@
-//! Entry points of the peer processes that other tests spawn from this binary. They do nothing when run by
-//! hand.
+//! Entry points of the peer processes that other tests spawn from this binary.
 
 use ipc_types::link::{HostLane, LinkNode};
 
@@ -9,9 +8,9 @@ use crate::scratch::{
 };
 
 #[test]
-#[ignore = "helper process of other tests"]
+#[ignore = "other tests start it as a process"]
 fn echo_host() {
-    let Some(domain) = domain_from_env() else { return };
+    let domain = domain_from_env();
     let node = LinkNode::new(&domain, "host").unwrap();
     // The spawning test uses 1 or 2 messages in flight; open the lane with whichever matches.
     let mut lane =
@@ -21,15 +20,15 @@ fn echo_host() {
         let message = receive_observation(lane);
         echo(lane, &message);
         if message.header().sequence == LAST_SEQUENCE {
-            return;
+            break;
         }
     }
 }
 
 #[test]
-#[ignore = "helper process of other tests"]
+#[ignore = "other tests start it as a process"]
 fn host_that_releases_nothing() {
-    let Some(domain) = domain_from_env() else { return };
+    let domain = domain_from_env();
     let node = LinkNode::new(&domain, "host").unwrap();
     let opened =
         [1, 2].into_iter().find_map(|n| Some((n, HostLane::open(&node, &small_lane(n), TIMEOUT).ok()?)));
@@ -41,9 +40,9 @@ fn host_that_releases_nothing() {
 }
 
 #[test]
-#[ignore = "helper process of other tests"]
+#[ignore = "other tests start it as a process"]
 fn sim_that_gets_killed() {
-    let Some(domain) = domain_from_env() else { return };
+    let domain = domain_from_env();
     let node = LinkNode::new(&domain, "sim").unwrap();
     let (_link, mut lane) = create_sim(&node, &small_lane(1));
     eventually("a host attaches", || lane.host_connected().then_some(()));

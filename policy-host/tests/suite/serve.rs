@@ -193,11 +193,9 @@ fn idle_host_exits_when_input_closes() {
 
 #[cfg(feature = "gpu")]
 #[test]
+#[ignore = "needs a Vulkan driver"]
 fn device_holds_two_observations() {
     use run_config::DeviceChoice;
-    if crate::gpu::policy().is_none() {
-        return;
-    }
     let started = Instant::now();
     let mut fixture = HostFixture::with(act_spec(data("act-tiny")), 3, |run| {
         run.inference.policy_device = DeviceChoice::Software;

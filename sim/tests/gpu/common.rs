@@ -9,17 +9,9 @@ use sim::scene::stream::episode_seed;
 use sim::scene::{Scene, Snapshot};
 use sim::{Perturbation, Profile, TaskId};
 
-/// Opens a renderer. Returns `None` if there is no driver and none is required.
-pub(crate) fn renderer(samples: Samples) -> Option<GpuRenderer> {
-    match GpuRenderer::open(adapter_kind(), None, samples) {
-        Ok(renderer) => Some(renderer),
-        Err(error) => {
-            let required = std::env::var("HYPOGEUM_REQUIRE_VULKAN").is_ok_and(|value| value == "1");
-            assert!(!required, "HYPOGEUM_REQUIRE_VULKAN is 1, but: {error}");
-            eprintln!("skipped: {error} (on Debian: apt-get install mesa-vulkan-drivers libvulkan1)");
-            None
-        }
-    }
+/// Opens a renderer.
+pub(crate) fn renderer(samples: Samples) -> GpuRenderer {
+    GpuRenderer::open(adapter_kind(), None, samples).unwrap()
 }
 
 /// Returns the kind of adapter that tests open: a software driver, unless `HYPOGEUM_TEST_DEVICE` is `gpu`.

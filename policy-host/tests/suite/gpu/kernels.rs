@@ -25,19 +25,16 @@ pub(crate) fn check(
     (out, expected): (&[f32], &[f64]),
     build: impl FnOnce(&mut OpBuilder<'_>, &DeviceBuffer) -> Dispatch,
 ) {
-    let Some(found) = compute(out, build) else { return };
+    let found = compute(out, build);
     assert_eq!(found.len(), expected.len());
     for (idx, (x, y)) in found.iter().zip(expected).enumerate() {
         assert!((f64::from(*x) - y).abs() < TOLERANCE, "{what}, value {idx}: {x}, expected {y}");
     }
 }
 
-/// Builds a dispatch with `build`, runs it on `out`, and returns the result, unless there is no device.
-fn compute(
-    out: &[f32],
-    build: impl FnOnce(&mut OpBuilder<'_>, &DeviceBuffer) -> Dispatch,
-) -> Option<Vec<f32>> {
-    let gpu = device()?;
+/// Builds a dispatch with `build`, runs it on `out`, and returns the result.
+fn compute(out: &[f32], build: impl FnOnce(&mut OpBuilder<'_>, &DeviceBuffer) -> Dispatch) -> Vec<f32> {
+    let gpu = device();
     let samples = UnitCounter { count: DeviceBuffer::uniform(&gpu, "batch"), capacity: N_SAMPLES };
     // The length of the result need not be a multiple of the number of samples.
     let whole = UnitCounter { count: DeviceBuffer::uniform(&gpu, "batch"), capacity: 1 };
@@ -49,7 +46,7 @@ fn compute(
     let batch = queue.submit(&gpu, [N_SAMPLES, 1], &|_, _| &[]).unwrap();
     let mut found = Vec::new();
     queue.collect(&gpu, batch, |values| found.extend_from_slice(values)).unwrap();
-    Some(found)
+    found
 }
 
 /// Returns GELU in the form with tanh.
@@ -58,6 +55,7 @@ pub(crate) fn gelu(x: f64) -> f64 {
 }
 
 #[test]
+#[ignore = "needs a Vulkan driver"]
 fn linear_layers_agree_with_f64() {
     // Neither rows nor columns nor terms fill whole tiles.
     let (n_rows, k, n) = (41, 37, 70);
@@ -104,6 +102,7 @@ fn linear_layers_agree_with_f64() {
 
 /// Terms of 16 bits would give errors ten times as large as permitted.
 #[test]
+#[ignore = "needs a Vulkan driver"]
 fn long_sums_are_as_accurate_as_f32() {
     let (n_rows, k, n) = (23, 2048, 70);
     let magnitude = |idx: usize| [1e-3, 0.1, 1.0, 30.0][idx % 4];
@@ -117,14 +116,12 @@ fn long_sums_are_as_accurate_as_f32() {
         cells().map(|(row, col)| (0..k).map(|at| f(term(row, col, at))).sum()).collect()
     };
     let (expected, sizes) = (sum(|x| x), sum(f64::abs));
-    let Some(found) = compute(&vec![0.0; expected.len()], |ops, out| {
+    let found = compute(&vec![0.0; expected.len()], |ops, out| {
         let layer = DeviceWeights::new(ops.gpu, &weights, &bias);
         let a = DeviceBuffer::of(ops.gpu, "a", &a);
         let rows = SampleRows::all(n_rows);
         ops.linear(&layer, n_rows, (&a, rows, None), (out, rows), ProductEpilogue::Store)
-    }) else {
-        return;
-    };
+    });
     let errors =
         found.iter().zip(&expected).zip(&sizes).map(|((x, y), size)| (f64::from(*x) - y).abs() / size);
     let largest = errors.fold(0.0, f64::max);
@@ -132,6 +129,7 @@ fn long_sums_are_as_accurate_as_f32() {
 }
 
 #[test]
+#[ignore = "needs a Vulkan driver"]
 fn convolutions_agree_with_f64() {
     let (c, c_out) = (5, 9);
     let maps = DeviceMaps { images: 2, height: 7, width: 10, channels: c };
@@ -170,6 +168,7 @@ fn convolutions_agree_with_f64() {
 }
 
 #[test]
+#[ignore = "needs a Vulkan driver"]
 fn attention_agrees_with_f64() {
     let shape = AttentionShape { n_queries: 13, n_keys: 75, width: 24, n_heads: 2, optional_key: Some(4) };
     let AttentionShape { n_queries, n_keys, width, n_heads, .. } = shape;
@@ -202,6 +201,7 @@ fn attention_agrees_with_f64() {
 }
 
 #[test]
+#[ignore = "needs a Vulkan driver"]
 fn pooling_and_normalisation_agree_with_f64() {
     let maps = DeviceMaps { images: 2, height: 7, width: 10, channels: 3 };
     let a = values("maps", N_SAMPLES * maps.len());
