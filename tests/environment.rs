@@ -1,5 +1,5 @@
 //! Problems with the machine: limits, full or read-only file systems, folders without rights. Each ends in
-//! exit code 2 and one message with the cause and the cure (docs/troubleshooting.md), loses no results and
+//! exit code 2 and one message with the cause and the remedy (docs/troubleshooting.md), loses no results and
 //! leaves nothing behind.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]

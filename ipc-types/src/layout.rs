@@ -55,10 +55,10 @@ unsafe impl Pod for Page {}
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct EnvRecord {
-    /// Slot of the sim that this env occupies. The answer repeats it.
+    /// Number of the env in the sim. The answer repeats it.
     pub slot: u32,
     /// Number of earlier queries in this episode. 0 marks a new episode: a stateful policy resets its state
-    /// for the slot.
+    /// for the env.
     pub query: u32,
     /// Control steps executed in this episode so far.
     pub step: u32,

@@ -6,7 +6,7 @@ use std::io;
 use rustix::io::Errno;
 
 /// Advice by error number (errno(3)).
-const CURES: [(Errno, &str); 12] = [
+const REMEDIES: [(Errno, &str); 12] = [
     (Errno::MFILE, "raise the limit of open files: `ulimit -n 1024`"),
     (Errno::NFILE, "close other programs: the whole system has too many files open"),
     (Errno::AGAIN, "raise the limit of processes and threads (`ulimit -u`), or use fewer --threads"),
@@ -42,9 +42,9 @@ pub fn is_refusal(error: &(dyn Error + 'static)) -> bool {
 /// Returns what the user can do about the operating system's error among `error` and its causes. Returns
 /// `None` if there is none, or none that a user can fix.
 #[must_use]
-pub fn cure(error: &(dyn Error + 'static)) -> Option<&'static str> {
+pub fn remedy(error: &(dyn Error + 'static)) -> Option<&'static str> {
     let number = os_error(error)?;
-    CURES.iter().find(|(errno, _)| errno.raw_os_error() == number).map(|(_, cure)| *cure)
+    REMEDIES.iter().find(|(errno, _)| errno.raw_os_error() == number).map(|(_, remedy)| *remedy)
 }
 
 /// Returns the number of the operating system's error among `error` and its causes.
@@ -59,16 +59,16 @@ mod tests {
     use crate::link::LinkError;
 
     #[test]
-    fn cure_is_found_below_other_errors() {
+    fn remedy_is_found_below_other_errors() {
         let link = |errno: Errno| LinkError::Io {
             action: "create",
             path: "/dev/shm/x".into(),
             source: errno.into(),
         };
-        assert!(cure(&link(Errno::NOSPC)).unwrap().contains("inodes"));
-        assert!(cure(&link(Errno::MFILE)).unwrap().contains("ulimit -n"));
-        assert_eq!(cure(&link(Errno::PIPE)), None);
+        assert!(remedy(&link(Errno::NOSPC)).unwrap().contains("inodes"));
+        assert!(remedy(&link(Errno::MFILE)).unwrap().contains("ulimit -n"));
+        assert_eq!(remedy(&link(Errno::PIPE)), None);
         assert!(is_refusal(&link(Errno::NOENT)) && !is_refusal(&link(Errno::PIPE)));
-        assert_eq!(cure(&io::Error::other("on fire")), None);
+        assert_eq!(remedy(&io::Error::other("on fire")), None);
     }
 }

@@ -33,7 +33,7 @@ impl Amount {
     }
 
     /// Returns the number, or the result of `auto` if the program chooses.
-    pub fn or_else(self, auto: impl FnOnce() -> u32) -> u32 {
+    pub fn unwrap_or_else(self, auto: impl FnOnce() -> u32) -> u32 {
         match self {
             Self::Auto => auto(),
             Self::Fixed(number) => number,

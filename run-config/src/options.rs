@@ -135,7 +135,7 @@ impl ResourceOptions {
     /// Returns the number of worker threads of a process. Asking the system takes tens of microseconds.
     #[must_use]
     pub fn n_threads(&self) -> u32 {
-        self.threads.or_else(n_cores)
+        self.threads.unwrap_or_else(n_cores)
     }
 }
 

@@ -1,4 +1,5 @@
-//! Recording of what the threads of a process do and when, for `run --trace`.
+//! Recording of what the threads of a process do and when, for `run --trace`, and measurement of the CPU time
+//! that they use.
 //!
 //! Recording is off until [`enable`] is called; then each [`span`] costs two readings of the clock and an
 //! entry in a list, and otherwise one atomic load. The clock is the system's monotonic one, which all
@@ -6,6 +7,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
@@ -71,6 +73,13 @@ pub struct OpenSpan {
     n: u64,
 }
 
+/// A moment on the kernel's clock of the CPU time of this process or thread.
+#[derive(Clone, Copy, Debug)]
+pub struct CpuTime {
+    clock: ClockId,
+    at: Duration,
+}
+
 /// Starts recording in this process.
 pub fn enable() {
     ENABLED.store(true, Ordering::Relaxed);
@@ -79,10 +88,7 @@ pub fn enable() {
 /// Returns the monotonic time in ns while recording, and `None` otherwise.
 #[must_use]
 pub fn now() -> Option<u64> {
-    ENABLED.load(Ordering::Relaxed).then(|| {
-        let time = clock_gettime(ClockId::Monotonic);
-        time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
-    })
+    ENABLED.load(Ordering::Relaxed).then(|| read(ClockId::Monotonic).as_nanos() as u64)
 }
 
 /// Starts an activity of the current thread.
@@ -105,6 +111,35 @@ pub fn record(activity: Activity, start_ns: Option<u64>, n: u64) {
 #[must_use]
 pub fn take() -> Vec<TraceSpan> {
     std::mem::take(&mut *SPANS.lock().unwrap_or_else(PoisonError::into_inner))
+}
+
+impl CpuTime {
+    /// Returns the CPU time that all threads of this process have used.
+    #[must_use]
+    pub fn of_process() -> Self {
+        Self::on(ClockId::ProcessCPUTime)
+    }
+
+    /// Returns the CPU time that this thread has used.
+    #[must_use]
+    pub fn of_thread() -> Self {
+        Self::on(ClockId::ThreadCPUTime)
+    }
+
+    fn on(clock: ClockId) -> Self {
+        Self { clock, at: read(clock) }
+    }
+
+    /// Returns the CPU time used since then, on the same thread if it is that of a thread.
+    #[must_use]
+    pub fn elapsed(self) -> Duration {
+        read(self.clock).saturating_sub(self.at)
+    }
+}
+
+fn read(clock: ClockId) -> Duration {
+    let time = clock_gettime(clock);
+    Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
 }
 
 impl OpenSpan {

@@ -88,7 +88,7 @@ impl LinkError {
             | Self::SharedMemory { .. }
             | Self::Shortage { .. }
             | Self::Foreign { .. } => true,
-            Self::Io { source, .. } | Self::Populate { source, .. } => crate::cure(source).is_some(),
+            Self::Io { source, .. } | Self::Populate { source, .. } => crate::remedy(source).is_some(),
             _ => false,
         }
     }

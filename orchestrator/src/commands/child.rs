@@ -1,7 +1,5 @@
 //! The hidden commands that `run` executes as its child processes.
 
-use std::io::Write;
-
 use anyhow::Context;
 use clap::Args;
 use ipc_types::link::Domain;
@@ -23,7 +21,6 @@ pub(crate) struct ChildArgs {
 /// Serves episodes until stdin closes.
 pub(crate) fn sim(args: &ChildArgs) -> Result<ExitStatus, Failure> {
     rename_process("hypogeum-sim");
-    offer_memory();
     let config: SimConfig = parse_config(args)?;
     let served = sim::serve::serve(&config).map_err(|error| match error {
         SimError::Sentences(_) => Failure::User(error.into()),
@@ -35,7 +32,6 @@ pub(crate) fn sim(args: &ChildArgs) -> Result<ExitStatus, Failure> {
 /// Answers queries until stdin closes.
 pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
     rename_process("hypogeum-host");
-    offer_memory();
     let config: HostConfig = parse_config(args)?;
     let domain = config.domain.clone();
     let served = policy_host::serve::serve(config).map_err(|error| match error {
@@ -56,23 +52,7 @@ pub(crate) fn reap(args: &ChildArgs) -> Result<ExitStatus, Failure> {
 /// Sets the name that `top` and `ps` show, at most 15 bytes. The kernel's is that of the link to the program.
 fn rename_process(name: &str) {
     // A cosmetic matter, which no child fails for.
-    let _ = tell_kernel("/proc/self/comm", name);
-}
-
-/// Lets the kernel choose a child rather than its parent if memory runs out: the parent can replace it.
-fn offer_memory() {
-    const PATH: &str = "/proc/self/oom_score_adj";
-    const SCORE: i32 = 900;
-    let current: Option<i32> = std::fs::read_to_string(PATH).ok().and_then(|text| text.trim().parse().ok());
-    if current.is_some_and(|score| score < SCORE) {
-        // Without the right to, nothing changes.
-        let _ = tell_kernel(PATH, &SCORE.to_string());
-    }
-}
-
-/// Writes to one of the kernel's own files.
-fn tell_kernel(path: &str, text: &str) -> std::io::Result<()> {
-    std::fs::OpenOptions::new().write(true).open(path)?.write_all(text.as_bytes())
+    let _ = std::fs::write("/proc/self/comm", name);
 }
 
 /// Ends a child that has served. If its parent was killed, the last child removes the run's shared memory.

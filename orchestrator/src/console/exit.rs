@@ -5,7 +5,7 @@ use std::fmt;
 use std::process::ExitCode;
 
 use ipc_types::link::LinkError;
-use ipc_types::{cure, is_refusal};
+use ipc_types::{remedy, is_refusal};
 use run_config::error_chain;
 
 use crate::console::output::OutputError;
@@ -62,7 +62,7 @@ impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (Self::User(error) | Self::Bug(error)) = self;
         f.write_str(&error_chain(error.as_ref()))?;
-        cure(error.as_ref()).map_or(Ok(()), |cure| write!(f, "; {cure}"))
+        remedy(error.as_ref()).map_or(Ok(()), |remedy| write!(f, "; {remedy}"))
     }
 }
 

@@ -24,7 +24,7 @@ const STICKY: u32 = 0o1000;
 
 /// Returns the folder under which all runs of this user live: `$XDG_RUNTIME_DIR/hypogeum`, or
 /// `/tmp/hypogeum_<uid>` if that variable names no folder by an absolute path, as its specification demands.
-pub(crate) fn base() -> PathBuf {
+pub(crate) fn runtime_folder() -> PathBuf {
     let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
     runtime.filter(|path| path.is_absolute() && path.is_dir()).map_or_else(
         || PathBuf::from(format!("/tmp/hypogeum_{}", rustix::process::getuid().as_raw())),

@@ -24,7 +24,7 @@ pub(crate) use self::config::{FleetConfig, Limits};
 pub(crate) use self::error::FleetError;
 use self::event::SupervisorEvent;
 pub(crate) use self::event::{FleetEvent, Observer, RunStatus};
-pub(crate) use self::folder::base;
+pub(crate) use self::folder::runtime_folder;
 use self::processes::Processes;
 use self::queue::JobQueue;
 use self::supervisor::Supervisor;

@@ -8,8 +8,6 @@ use run_config::allotment::{available_memory, n_cores};
 use crate::plan::RunPlan;
 use crate::plan::lanes::lanes;
 
-/// Memory of an env in bytes, a little more than measured: without and with images.
-pub(crate) const ENV_BYTES: [u64; 2] = [160 << 10, 900 << 10];
 /// Divisors of the available memory that give the budgets of all envs and of all lanes. The hosts and the
 /// orchestrator need the rest.
 const ENVS_SHARE: u64 = 3;
@@ -51,7 +49,7 @@ impl Capacity {
     }
 
     fn auto(plan: &RunPlan, n_jobs: u32, n_cores: u32) -> Self {
-        let env_bytes = ENV_BYTES[usize::from(plan.needs_images())];
+        let env_bytes = env_bytes(plan);
         let available = available_memory().unwrap_or(u64::MAX);
         let by_memory = u32::try_from(available / ENVS_SHARE / env_bytes).unwrap_or(u32::MAX);
         let by_cores = n_cores.saturating_mul(MAX_PER_CORE).min(LIMIT);
@@ -73,6 +71,11 @@ impl Capacity {
             tunes: true,
         }
     }
+}
+
+/// Returns the memory of an env of a run in bytes, a little more than measured.
+pub(crate) fn env_bytes(plan: &RunPlan) -> u64 {
+    if plan.needs_images() { 900 << 10 } else { 160 << 10 }
 }
 
 /// Returns the largest batch that leaves half of the envs to step meanwhile.

@@ -81,7 +81,7 @@ pub(crate) fn execute(
 ) -> Result<(RunStatus, Totals), Failure> {
     if todo.len() == 0 {
         // No fleet starts, which would remove what crashed runs have left.
-        Domain::remove_stale(&fleet::base());
+        Domain::remove_stale(&fleet::runtime_folder());
     }
     let (mut n_moves, mut can_move) = (0, true);
     while todo.len() > 0 {
@@ -151,7 +151,7 @@ pub(crate) fn as_failure(error: FleetError) -> Failure {
 fn fleet_config(plan: &RunPlan, capacity: Capacity, earlier_renderer: Option<String>) -> FleetConfig {
     FleetConfig {
         program: PathBuf::from(THIS_PROGRAM),
-        base: fleet::base(),
+        base: fleet::runtime_folder(),
         shm: PathBuf::from(SHM),
         // The keys of a `RandomState` are random numbers from the operating system.
         run_id: RandomState::new().hash_one(std::process::id()),

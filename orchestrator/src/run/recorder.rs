@@ -69,7 +69,7 @@ impl<'a> Recorder<'a> {
     pub(crate) fn stopping(&self) -> Result<Option<Stopping>, Failure> {
         let Some(rule) = &self.plan.stopping else { return Ok(None) };
         let stopping = Stopping::new(rule, self.plan, &self.results).or_user()?;
-        self.results.note(STOPPING, &json!(rule))?;
+        self.results.set_metadata(STOPPING, &json!(rule))?;
         Ok(Some(stopping))
     }
 
@@ -121,7 +121,7 @@ impl<'a> Recorder<'a> {
         print_message(&self.resume_hint());
         if let Ok(mut environment @ (Value::Null | Value::Object(_))) = self.results.environment() {
             environment["wall_s"] = json!(self.total_wall_s(&environment));
-            let _ = self.results.note(ENVIRONMENT, &environment);
+            let _ = self.results.set_metadata(ENVIRONMENT, &environment);
         }
     }
 
@@ -139,7 +139,7 @@ impl<'a> Recorder<'a> {
             return Ok(earlier);
         }
         let environment = self.environment(machine, totals, &earlier);
-        self.results.note(ENVIRONMENT, &environment)?;
+        self.results.set_metadata(ENVIRONMENT, &environment)?;
         Ok(environment)
     }
 

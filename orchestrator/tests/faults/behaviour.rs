@@ -98,15 +98,15 @@ impl FakeWorld<'_, '_> {
             && self.draw.strikes(FaultKind::Stall, now)
         {
             sim.is_stalled = true;
-            self.note(|| "no episode proceeds any more".to_owned());
+            self.record(|| "no episode proceeds any more".to_owned());
         }
         if self.draw.strikes(FaultKind::Hang, now) {
             child.is_hung = true;
-            return self.note(|| format!("{role:?} hangs"));
+            return self.record(|| format!("{role:?} hangs"));
         }
         if self.draw.strikes(FaultKind::Suspend, now) {
             child.suspended_until = now + self.draw.millis(200, 6_000);
-            return self.note(|| format!("{role:?} is suspended"));
+            return self.record(|| format!("{role:?} is suspended"));
         }
         match role {
             MemberRole::Sim => self.work_as_sim(child),
@@ -183,11 +183,11 @@ impl FakeWorld<'_, '_> {
             let is_killed = std::os::unix::process::ExitStatusExt::signal(&status) == Some(9);
             if !is_killed && self.draw.strikes(FaultKind::Linger, self.time) {
                 (child.is_hung, child.has_user_error) = (true, false);
-                return self.note(|| format!("{role:?} closes its stdout"));
+                return self.record(|| format!("{role:?} closes its stdout"));
             }
         }
         child.status = Some(status);
-        self.note(|| format!("{role:?} ends: {status}"));
+        self.record(|| format!("{role:?} ends: {status}"));
     }
 
     fn emit_sim_event(&mut self, child: &mut FakeChild, event: SimEvent) {

@@ -152,7 +152,7 @@ impl<'a> RunHistory<'a> {
         }
     }
 
-    pub(crate) fn note(&mut self, text: impl FnOnce() -> String) {
+    pub(crate) fn record(&mut self, text: impl FnOnce() -> String) {
         self.log.push_back(format!("{:9.4} {}", self.time.as_secs_f64(), text()));
     }
 
@@ -175,12 +175,12 @@ impl<'a> RunHistory<'a> {
     }
 
     pub(crate) fn on_spawn_error(&mut self) {
-        self.note(|| "a spawn fails".to_owned());
+        self.record(|| "a spawn fails".to_owned());
         self.causes.insert(EndCause::SpawnFailed);
     }
 
     pub(crate) fn on_spawn(&mut self, role: MemberRole, clock: Duration) {
-        self.note(|| format!("{role:?} is spawned"));
+        self.record(|| format!("{role:?} is spawned"));
         assert!(self.shutdown.is_none(), "{role:?} was spawned after the end of the run");
         assert!(!self.failed.contains(&role), "{role:?} was spawned again although it fails too often");
         assert!(!self.has_garbage, "the memory of an exited child was not freed");
@@ -203,7 +203,7 @@ impl<'a> RunHistory<'a> {
     }
 
     pub(crate) fn on_exit(&mut self, role: MemberRole, child: &FakeChild, clock: Duration) {
-        self.note(|| format!("{role:?} is waited for"));
+        self.record(|| format!("{role:?} is waited for"));
         self.role(role).is_up = false;
         if self.shutdown.is_some() {
             return;
@@ -237,7 +237,7 @@ impl<'a> RunHistory<'a> {
 
     /// Checks that a child that is killed has exceeded a timeout, or that its lane has failed.
     pub(crate) fn on_kill(&mut self, role: MemberRole, clock: Duration) {
-        self.note(|| format!("{role:?} is killed"));
+        self.record(|| format!("{role:?} is killed"));
         self.n_kills += 1;
         let limits = self.scenario.config.limits;
         let work_at = self.work_at;
@@ -262,14 +262,14 @@ impl<'a> RunHistory<'a> {
     /// Records an event that the supervisor receives.
     pub(crate) fn on_event(&mut self, event: &SupervisorEvent, meaning: Meaning, clock: Duration) {
         let SupervisorEvent::Child(role, output) = event else {
-            self.note(|| "a stop is requested".to_owned());
+            self.record(|| "a stop is requested".to_owned());
             self.causes.insert(EndCause::Stop);
             self.is_impatient |= self.shutdown.is_some();
             return;
         };
         let role = *role;
         if !matches!(meaning, Meaning::Quiet) {
-            self.note(|| match output {
+            self.record(|| match output {
                 ChildOutput::Event(line) => format!("{role:?} -> {line}"),
                 other => format!("{role:?} -> {other:?}"),
             });
@@ -330,7 +330,7 @@ impl<'a> RunHistory<'a> {
 
     /// Records a command to the sim.
     pub(crate) fn on_command(&mut self, command: &SimCommand) {
-        self.note(|| format!("Sim <- {}", serde_json::json!(command)));
+        self.record(|| format!("Sim <- {}", serde_json::json!(command)));
         assert!(
             self.is_up(MemberRole::Sim) || self.shutdown.is_some(),
             "a sim that is not ready got a command"
@@ -371,7 +371,7 @@ impl<'a> RunHistory<'a> {
         match report {
             FleetEvent::EpisodeFinished(job, outcome) => self.on_outcome(job, outcome),
             FleetEvent::Log(line) => {
-                self.note(|| (*line).to_owned());
+                self.record(|| (*line).to_owned());
                 if let Some((_, policy)) = line.split_once("gave up policy `p") {
                     let digits: String = policy.chars().take_while(char::is_ascii_digit).collect();
                     self.on_given_up(digits.parse().unwrap());
@@ -390,7 +390,7 @@ impl<'a> RunHistory<'a> {
 
     fn on_outcome(&mut self, job: &Job, found: &Outcome) {
         let idx = self.scenario.jobs.iter().position(|other| other == job).expect("the job is known");
-        self.note(|| format!("job {idx} is recorded"));
+        self.record(|| format!("job {idx} is recorded"));
         assert!(!self.recorded[idx], "job {idx} was recorded twice");
         assert!(self.scenario.is_wanted(job), "job {idx} is not wanted");
         self.recorded[idx] = true;

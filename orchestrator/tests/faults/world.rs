@@ -99,8 +99,8 @@ impl<'a, 's> FakeWorld<'a, 's> {
         self.queue.insert((at, self.n_events), event);
     }
 
-    pub(crate) fn note(&self, text: impl FnOnce() -> String) {
-        self.history.borrow_mut().note(text);
+    pub(crate) fn record(&self, text: impl FnOnce() -> String) {
+        self.history.borrow_mut().record(text);
     }
 
     /// Lets virtual time pass until `until`, or until `is_over` holds after an event.
@@ -280,7 +280,7 @@ impl Children for FakeWorld<'_, '_> {
         self.history.borrow_mut().end_turn();
         if self.draw.strikes(FaultKind::Pause, self.time) {
             let pause = self.draw.millis(100, 20_000);
-            self.note(|| format!("the orchestrator is suspended for {pause:?}"));
+            self.record(|| format!("the orchestrator is suspended for {pause:?}"));
             self.history.borrow_mut().pauses += pause;
             self.pass(self.time + pause, |_| false);
         }
@@ -309,7 +309,7 @@ impl Children for FakeWorld<'_, '_> {
             return true;
         }
         let time = self.draw.millis(500, 5_000);
-        self.note(|| format!("freeing memory takes {time:?}"));
+        self.record(|| format!("freeing memory takes {time:?}"));
         self.history.borrow_mut().pauses += time;
         self.pass(self.time + time, |_| false);
         !self.draw.chance(0.5)

@@ -189,7 +189,7 @@ pub fn write_results(path: &Path) {
     let (plan, manifest) = sample_run();
     let mut results = Results::open(path, &manifest).expect("the file is new");
     results
-        .note(crate::store::results::ENVIRONMENT, &serde_json::json!({ "machine": { "cores": 2 } }))
+        .set_metadata(crate::store::results::ENVIRONMENT, &serde_json::json!({ "machine": { "cores": 2 } }))
         .expect("it is writable");
     results.set_renderer("cpu").expect("it is writable");
     for (policy_idx, policy) in plan.policies.iter().enumerate() {

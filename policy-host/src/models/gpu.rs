@@ -62,7 +62,7 @@ pub trait DeviceNetwork: Send {
     }
 
     /// Returns a description for the user.
-    fn note(&self) -> Option<String> {
+    fn startup_message(&self) -> Option<String> {
         None
     }
 }
@@ -112,8 +112,8 @@ impl<N: DeviceNetwork> Policy for GpuPolicy<N> {
         self.rows = ChunkRows::All;
     }
 
-    fn note(&self, _execute: u32, _flop_per_s: f64) -> Option<String> {
-        let notes: Vec<String> = self.networks.iter().filter_map(DeviceNetwork::note).collect();
+    fn startup_message(&self, _execute: u32, _flop_per_s: f64) -> Option<String> {
+        let notes: Vec<String> = self.networks.iter().filter_map(DeviceNetwork::startup_message).collect();
         (!notes.is_empty()).then(|| notes.join("; "))
     }
 

@@ -126,8 +126,8 @@ impl Policy for Ensemble {
         self.inner.run_benchmark()
     }
 
-    fn note(&self, _execute: u32, flop_per_s: f64) -> Option<String> {
-        self.inner.note(1, flop_per_s)
+    fn startup_message(&self, _execute: u32, flop_per_s: f64) -> Option<String> {
+        self.inner.startup_message(1, flop_per_s)
     }
 
     fn flop_per_query(&self, morphology: Morphology, execute: u32) -> u64 {

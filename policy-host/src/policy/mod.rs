@@ -58,7 +58,7 @@ pub trait Policy: Send {
     fn compute_whole_chunks(&mut self) {}
 
     /// Computes a part of a network, for a measurement of speed, and returns its floating-point operations; 0
-    /// if a query takes so little time that [`note`](Self::note) does not mention it. Uses the current rayon
+    /// if a query takes so little time that [`startup_message`](Self::startup_message) does not mention it. Uses the current rayon
     /// pool.
     fn run_benchmark(&self) -> u64 {
         0
@@ -66,7 +66,7 @@ pub trait Policy: Send {
 
     /// Returns a sentence for the user, before a run in which `execute` rows of each chunk are executed.
     /// `flop_per_s` is the speed of [`run_benchmark`](Self::run_benchmark).
-    fn note(&self, _execute: u32, _flop_per_s: f64) -> Option<String> {
+    fn startup_message(&self, _execute: u32, _flop_per_s: f64) -> Option<String> {
         None
     }
 

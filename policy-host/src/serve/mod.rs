@@ -15,11 +15,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use bytemuck::Zeroable;
-use cpu_time::ProcessTime;
 use ipc_types::link::{HostLane, LinkError, LinkNode, ObservationMessage};
 use ipc_types::{ActionBlock, ActionHeader, Morphology, ObservationHeader, ObservationView, SCHEMA_HASH};
 use run_config::Lifeline;
-use run_config::trace::{self, Activity};
+use run_config::trace::{self, Activity, CpuTime};
 use thiserror::Error;
 
 pub use self::guard::CheckpointChangedError;
@@ -120,7 +119,7 @@ pub fn serve_with(
         };
         let started = Instant::now();
         let flop_per_s = host.policy.run_benchmark() as f64 / started.elapsed().as_secs_f64();
-        if let Some(message) = host.policy.note(host.config.execution.execute, flop_per_s) {
+        if let Some(message) = host.policy.startup_message(host.config.execution.execute, flop_per_s) {
             host.report(&HostEvent::Note { message })?;
         }
         host.report(&HostEvent::Ready { load_ms })?;
@@ -192,7 +191,7 @@ impl<W: Write> Host<W> {
     fn begin(&mut self, message: ObservationMessage) {
         let mut pending = PendingAnswer { header: *message.header(), message, submitted: Ok(()) };
         if let Some(pipeline) = self.policy.pipeline() {
-            let start = (ProcessTime::now(), Instant::now());
+            let start = (CpuTime::of_process(), Instant::now());
             let inferring = trace::span(Activity::Infer);
             let submit = |view: ObservationView<'_>| pipeline.submit(&view).map_err(QueryError::from);
             pending.submitted = pending.view(&self.config).and_then(submit);
@@ -217,7 +216,7 @@ impl<W: Write> Host<W> {
         let header = pending.header;
         let n_envs = header.n_envs.clamp(1, self.config.lane.max_envs.max(1));
         let mut loan = self.lane.loan(n_envs as usize)?;
-        let start = ProcessTime::now();
+        let start = CpuTime::of_process();
         let inferring = trace::span(Activity::Infer);
         let outcome = self.act(&mut pending, loan.blocks_mut());
         // After the policy has read it: then the answer is to what was sent, or there is none.

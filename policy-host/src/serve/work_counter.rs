@@ -1,8 +1,7 @@
 //! Cumulative work of the host, for its ledger events.
 
+use run_config::trace::CpuTime;
 use std::time::{Duration, Instant};
-
-use cpu_time::ProcessTime;
 
 use super::protocol::HostEvent;
 
@@ -17,9 +16,9 @@ pub(crate) struct WorkCounter {
     device_s: f64,
     pub(crate) flop: u64,
     /// Start of the time since which a device has had a batch.
-    device_since: Option<(ProcessTime, Instant)>,
+    device_since: Option<(CpuTime, Instant)>,
     /// Start of the first query.
-    first_query: Option<ProcessTime>,
+    first_query: Option<CpuTime>,
     reported: Instant,
     reported_batches: u64,
 }
@@ -46,13 +45,13 @@ impl WorkCounter {
     }
 
     /// Counts the time in the policy from `start` until now.
-    pub(crate) fn add_time(&mut self, start: ProcessTime) {
+    pub(crate) fn add_time(&mut self, start: CpuTime) {
         self.busy_s += start.elapsed().as_secs_f64();
         self.first_query.get_or_insert(start);
     }
 
     /// Starts counting the time of a device, from `start` on, unless it is being counted already.
-    pub(crate) fn device_has_batch(&mut self, start: (ProcessTime, Instant)) {
+    pub(crate) fn device_has_batch(&mut self, start: (CpuTime, Instant)) {
         self.device_since.get_or_insert(start);
     }
 

@@ -3,13 +3,12 @@
 
 use std::time::Instant;
 
-use cpu_time::ProcessTime;
 use ipc_types::Morphology;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, Page};
-use run_config::trace::{self, Activity};
+use run_config::trace::{self, Activity, CpuTime};
 
-use super::slots::{LaneTally, Slots};
+use super::envs::{Envs, LaneTally};
 use render::{RenderError, Renderer, View};
 
 /// The cost of rendering one batch.
@@ -36,26 +35,25 @@ impl BatchWriter {
         Self { renderer, views: Vec::with_capacity(max_envs * max_cameras) }
     }
 
-    /// Writes one block per slot of `batch` into `pages`. Each slot must hold an episode of `morphology`
+    /// Writes one block per env of `batch` into `pages`. Each env must hold an episode of `morphology`
     /// whose next query is due.
     ///
     /// # Errors
     /// If the renderer fails.
     pub(crate) fn write(
         &mut self,
-        slots: &mut Slots,
+        envs: &mut Envs,
         batch: &[u32],
-        execute: u32,
         morphology: Morphology,
         pages: &mut [Page],
     ) -> Result<RenderCost, RenderError> {
         for slot in batch {
-            slots.episode_mut(*slot).expect("a ready slot runs an episode").take_snapshot();
+            envs.episode_mut(*slot).expect("a ready env runs an episode").take_snapshot();
         }
         let mut views = recycle(std::mem::take(&mut self.views));
         let block_pages = pages.len() / batch.len();
         for (slot, block) in batch.iter().zip(pages.chunks_exact_mut(block_pages)) {
-            let episode = slots.episode(*slot).expect("a ready slot runs an episode");
+            let episode = envs.episode(*slot).expect("a ready env runs an episode");
             let block = EnvBlockMut::new(morphology, block);
             let Some(scene) = &episode.view else { continue };
             let images = block
@@ -69,7 +67,7 @@ impl BatchWriter {
                 out,
             }));
         }
-        let (start, cpu_start) = (Instant::now(), ProcessTime::now());
+        let (start, cpu_start) = (Instant::now(), CpuTime::of_process());
         let images = views.len();
         if images > 0 {
             let rendering = trace::span(Activity::Render);
@@ -82,8 +80,8 @@ impl BatchWriter {
         self.views = recycle(views);
         // Records come last: a checksum covers what is written from here on, and rendering takes its time.
         for (slot, block) in batch.iter().zip(pages.chunks_exact_mut(block_pages)) {
-            let episode = slots.episode_mut(*slot).expect("a ready slot runs an episode");
-            episode.write_record(*slot, execute, EnvBlockMut::new(morphology, block).record);
+            let episode = envs.episode_mut(*slot).expect("a ready env runs an episode");
+            episode.write_record(*slot, EnvBlockMut::new(morphology, block).record);
             episode.add_render_time(core_s / batch.len() as f64);
         }
         Ok(RenderCost { images: images as u64, core_s, device_s })

@@ -17,40 +17,35 @@ type Rows = Box<[f32; MAX_HORIZON * MAX_ACTION_DIM]>;
 pub(crate) struct ChunkBuffer {
     mode: ControlMode,
     action_dim: usize,
+    /// Rows of a chunk that are executed before the next query.
+    execute: u32,
     /// Control steps between a query and its effect.
     latency_steps: u32,
     rows: Rows,
-    /// Rows of the current chunk, and how many of them are executed before the next query.
+    /// Rows of the current chunk.
     n_rows: usize,
-    n_execute: usize,
     /// Index of the next row.
     next: usize,
     /// Control steps until the queried chunk takes effect.
     delay_left: u32,
-    /// The queried chunk, if it has been received before it takes effect.
-    arriving: Option<Arriving>,
+    /// Rows of the queried chunk, if it has been received before it takes effect.
+    arriving: Option<usize>,
     /// Buffer of the next chunk to arrive; `None` without latency.
     spare: Option<Rows>,
     /// The last executed row; `None` before the first.
     last: Option<[f32; MAX_ACTION_DIM]>,
 }
 
-/// A chunk that has been received and has not taken effect.
-struct Arriving {
-    n_rows: usize,
-    n_execute: usize,
-}
-
 impl ChunkBuffer {
-    pub(crate) fn new(mode: ControlMode, action_dim: usize, latency_steps: u32) -> Self {
+    pub(crate) fn new(mode: ControlMode, action_dim: usize, execute: u32, latency_steps: u32) -> Self {
         let rows = || Box::new([0.0; MAX_HORIZON * MAX_ACTION_DIM]);
         Self {
             mode,
             action_dim,
+            execute,
             latency_steps,
             rows: rows(),
             n_rows: 0,
-            n_execute: 0,
             next: 0,
             delay_left: 0,
             arriving: None,
@@ -59,9 +54,14 @@ impl ChunkBuffer {
         }
     }
 
+    /// Returns the number of rows of a chunk that are executed before the next query.
+    pub(crate) fn execute(&self) -> u32 {
+        self.execute
+    }
+
     /// Returns `true` if a row can be executed without another answer.
     pub(crate) fn has_row(&self) -> bool {
-        self.delay_left > 0 || self.next < self.n_execute
+        self.delay_left > 0 || self.next < self.n_rows.min(self.execute as usize)
     }
 
     /// Returns `true` if an answer to a query after `steps_left` steps before the end would take effect.
@@ -79,21 +79,19 @@ impl ChunkBuffer {
         self.delay_left = self.latency_steps;
     }
 
-    /// Takes a received chunk, `[n_rows, action_dim]`, of which `n_execute` rows are executed before the next
-    /// query.
-    pub(crate) fn receive(&mut self, rows: &[f32], n_rows: usize, n_execute: usize) {
-        let n_execute = n_execute.min(n_rows);
+    /// Takes a received chunk, `[n_rows, action_dim]`.
+    pub(crate) fn receive(&mut self, rows: &[f32], n_rows: usize) {
         // Without latency no other row is ever executed.
-        let n_rows = if self.latency_steps == 0 { n_execute } else { n_rows };
+        let n_rows = if self.latency_steps == 0 { n_rows.min(self.execute as usize) } else { n_rows };
         let len = n_rows * self.action_dim;
         match &mut self.spare {
             Some(spare) if self.delay_left > 0 => {
                 spare[..len].copy_from_slice(&rows[..len]);
-                self.arriving = Some(Arriving { n_rows, n_execute });
+                self.arriving = Some(n_rows);
             }
             _ => {
                 self.rows[..len].copy_from_slice(&rows[..len]);
-                (self.n_rows, self.n_execute, self.next) = (n_rows, n_execute, 0);
+                (self.n_rows, self.next) = (n_rows, 0);
             }
         }
     }
@@ -117,9 +115,9 @@ impl ChunkBuffer {
 
     /// Makes the received chunk the current one. If it has not been received yet, the episode waits for it.
     fn take_effect(&mut self) {
-        if let (Some(Arriving { n_rows, n_execute }), Some(spare)) = (self.arriving.take(), &mut self.spare) {
+        if let (Some(n_rows), Some(spare)) = (self.arriving.take(), &mut self.spare) {
             std::mem::swap(&mut self.rows, spare);
-            (self.n_rows, self.n_execute, self.next) = (n_rows, n_execute, 0);
+            (self.n_rows, self.next) = (n_rows, 0);
         }
     }
 

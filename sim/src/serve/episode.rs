@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use super::chunk::ChunkBuffer;
 use super::lane::InvalidAnswerError;
-use super::protocol::{Assignment, Driver, EpisodeLedger, Outcome};
+use super::protocol::{Assignment, Driver, EpisodeLedger, Lane, Outcome};
 use crate::expert::{self, Expert, write_hold_action};
 use crate::perturb::Sentences;
 use crate::physics::World;
@@ -88,13 +88,13 @@ pub(crate) struct RunningEpisode {
 }
 
 impl RunningEpisode {
-    /// Samples the episode's scene and builds its world. With `images`, the scene is also prepared for
-    /// rendering.
+    /// Samples the episode's scene and builds its world. If the policy's lane has images, the scene is also
+    /// prepared for rendering.
     pub(crate) fn new(
         assignment: Assignment,
+        lanes: &[Lane],
         run: &RunConfig,
         sentences: Option<&Sentences>,
-        images: bool,
     ) -> Self {
         let created = Instant::now();
         let task = assignment.task.task();
@@ -107,11 +107,13 @@ impl RunningEpisode {
         let mode = control_mode(options, task.morphology, assignment.driver);
         let action_dim = mode.action_dim(task.morphology);
         let world = World::build(&scene, mode);
-        let action_source = match assignment.driver {
-            Driver::Lane(_) => {
-                ActionSource::Chunk(ChunkBuffer::new(mode, action_dim, options.latency_steps()))
+        let (action_source, images) = match assignment.driver {
+            Driver::Lane(lane) => {
+                let Lane { execute, images, .. } = lanes[lane as usize];
+                let chunk = ChunkBuffer::new(mode, action_dim, execute, options.latency_steps());
+                (ActionSource::Chunk(chunk), images)
             }
-            Driver::Expert => ActionSource::Expert(plan(&assignment, &scene)),
+            Driver::Expert => (ActionSource::Expert(plan(&assignment, &scene)), false),
         };
         let success = (task.success)(&scene, options.profile);
         let mut fingerprint = Fingerprint::default();
@@ -149,7 +151,7 @@ impl RunningEpisode {
     pub(crate) fn status(&self) -> Status {
         let is_over = self.steps >= self.task.max_steps || self.error.is_some();
         match &self.action_source {
-            // The slot is free once the answer in flight has been received.
+            // The env is free once the answer in flight has been received.
             _ if is_over => {
                 if self.queried_at.is_some() {
                     Status::Queried
@@ -222,14 +224,17 @@ impl RunningEpisode {
     }
 
     /// Writes the record of the next query in place. Every byte of its page is written.
-    pub(crate) fn write_record(&self, slot: u32, execute: u32, record: &mut EnvRecord) {
+    pub(crate) fn write_record(&self, slot: u32, record: &mut EnvRecord) {
         let (state_dim, text) = (self.task.morphology.state_dim(), self.instruction.as_bytes());
         record.slot = slot;
         record.query = self.queries;
         record.step = self.steps;
         record.state_dim = state_dim as u32;
         record.instruction_len = text.len() as u32;
-        record.execute = execute;
+        record.execute = match &self.action_source {
+            ActionSource::Chunk(chunk) => chunk.execute(),
+            ActionSource::Expert(_) => 1,
+        };
         record.policy_seed = stream::policy_seed(self.assignment.seed);
         record.reserved = [0; 4];
         self.world.write_state(&mut record.state[..state_dim]);
@@ -248,12 +253,11 @@ impl RunningEpisode {
         }
     }
 
-    /// Takes the rows of an answer that [`Self::check_answer`] has accepted; at most `execute` of them are
-    /// executed before the next query.
-    pub(crate) fn accept(&mut self, answer: &ActionBlock, execute: u32, now: Instant) {
+    /// Takes the rows of an answer that [`Self::check_answer`] has accepted.
+    pub(crate) fn accept(&mut self, answer: &ActionBlock, now: Instant) {
         self.ledger.policy_s += self.queried_at.take().map_or(0.0, |sent| (now - sent).as_secs_f64());
         if let ActionSource::Chunk(chunk) = &mut self.action_source {
-            chunk.receive(&answer.rows, answer.n_rows as usize, execute as usize);
+            chunk.receive(&answer.rows, answer.n_rows as usize);
         }
     }
 

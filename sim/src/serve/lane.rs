@@ -45,9 +45,9 @@ pub(crate) enum InvalidAnswerError {
     UnknownBatch { sequence: u64 },
     #[error("the answer holds {found} envs, expected {expected}")]
     EnvCount { found: u32, expected: usize },
-    #[error("slot {slot} runs no episode")]
+    #[error("env {slot} runs no episode")]
     EmptySlot { slot: u32 },
-    #[error("slot {slot}: `{field}` is {found}, expected {expected}")]
+    #[error("env {slot}: `{field}` is {found}, expected {expected}")]
     Field { slot: u32, field: &'static str, found: u32, expected: u32 },
 }
 
@@ -228,7 +228,7 @@ impl LaneState {
         self.spare.append(&mut self.in_flight);
     }
 
-    /// Receives the next answer, adds its latency at the time `now`, and calls `accept` with slot, answer and
+    /// Receives the next answer, adds its latency at the time `now`, and calls `accept` with env, answer and
     /// env index for every env of its batch. Answers of an earlier epoch are dropped. Returns `true` if a
     /// message was received.
     ///

@@ -1,15 +1,15 @@
-//! The sim process: it receives commands, runs episodes in slots, and queries policy hosts.
+//! The sim process: it receives commands, runs episodes in envs, and queries policy hosts.
 //!
 //! The clock is read only for the ledger and for bounded waits; no episode depends on it.
 
 mod batch;
 mod chunk;
+mod envs;
 mod episode;
 mod lane;
 mod latencies;
 mod pipes;
 pub mod protocol;
-mod slots;
 #[cfg(test)]
 mod tests;
 
@@ -17,25 +17,24 @@ use std::io;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::time::{Duration, Instant};
 
-use cpu_time::ProcessTime;
 use ipc_types::link::{LinkError, LinkNode, SimLink};
 use ipc_types::{ActionView, FrameError};
-use run_config::trace::{self, Activity};
+use run_config::trace::{self, Activity, CpuTime};
 use run_config::{RunConfig, error_chain};
 use thiserror::Error;
 
 use self::batch::{BatchWriter, batch_size};
+use self::envs::Envs;
 use self::episode::{EpisodeError, control_mode};
 use self::lane::{InvalidAnswerError, LaneError, LaneState};
 use self::pipes::{emit, read_commands};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
-use self::slots::Slots;
 use crate::perturb::{Sentences, SentencesError};
 use render::{self, OpenRendererError, RenderError};
 
 /// Duration of busy waiting before the first timed wait for an answer.
 const SPIN_TIME: Duration = Duration::from_micros(50);
-/// Longest single wait. After it, commands, lanes and slots are checked again.
+/// Longest single wait. After it, commands, lanes and envs are checked again.
 const MAX_WAIT: Duration = Duration::from_millis(50);
 /// Interval between two progress events, from which the orchestrator also chooses the number of envs.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
@@ -102,14 +101,14 @@ struct Server {
     commands: Receiver<SimCommand>,
     link: SimLink,
     lanes: Vec<LaneState>,
-    slots: Slots,
+    envs: Envs,
     writer: BatchWriter,
     run: RunConfig,
     /// Worker threads of the sim and of each host.
     n_threads: usize,
     counters: Counters,
     /// Start of the measured window (see [`Counters::wall_s`]).
-    first_work: Option<(Instant, ProcessTime)>,
+    first_work: Option<(Instant, CpuTime)>,
     /// Idle seconds since the last control step. They count once another control step extends the window over
     /// them.
     pending_idle_s: f64,
@@ -118,7 +117,7 @@ struct Server {
     last_progress: Instant,
     /// Time of the last step, or of the last [`SimEvent::Waiting`].
     last_work: Instant,
-    /// Slots of the batch that is being assembled.
+    /// Envs of the batch that is being assembled.
     batch: Vec<u32>,
     // Declared last so that the ports above are dropped before their node.
     _node: LinkNode,
@@ -149,7 +148,7 @@ impl Server {
             commands,
             link,
             lanes,
-            slots: Slots::new(config, sentences),
+            envs: Envs::new(config, sentences),
             writer: BatchWriter::new(renderer, max_envs),
             run: config.run.clone(),
             n_threads,
@@ -174,7 +173,7 @@ impl Server {
                 }
             }
             let lanes = &self.lanes;
-            self.slots.refill(|lane| lanes[lane].is_connected());
+            self.envs.refill(|lane| lanes[lane].is_connected());
             for lane in 0..self.lanes.len() as u32 {
                 match self.serve_lane(lane as usize) {
                     Ok(()) => {}
@@ -187,7 +186,7 @@ impl Server {
                     }
                 }
             }
-            if self.slots.has_work() {
+            if self.envs.has_work() {
                 self.idle_since = None;
                 self.last_work = Instant::now();
                 self.step()?;
@@ -201,7 +200,7 @@ impl Server {
             if self.last_work.elapsed() >= WAITING_INTERVAL {
                 self.last_work = Instant::now();
                 let hosts = self.lanes.iter().map(LaneState::is_connected).collect();
-                emit(&SimEvent::Waiting { held: self.slots.held(), hosts })?;
+                emit(&SimEvent::Waiting { held: self.envs.held(), hosts })?;
             }
         }
     }
@@ -217,8 +216,8 @@ impl Server {
 
     fn handle_command(&mut self, command: &SimCommand) {
         match command {
-            SimCommand::Run(assignment) => self.slots.push(*assignment),
-            SimCommand::Envs { count } => self.slots.set_limit(*count),
+            SimCommand::Run(assignment) => self.envs.push(*assignment),
+            SimCommand::Envs { count } => self.envs.set_limit(*count),
             SimCommand::HostUp { lane } => {
                 // The command that announced the loss of the previous host may itself be lost.
                 if self.lanes[*lane as usize].is_connected() {
@@ -229,7 +228,7 @@ impl Server {
             SimCommand::HostDown { lane } => self.drop_host(*lane),
             SimCommand::GiveUp { lane } => {
                 self.lanes[*lane as usize].give_up();
-                self.slots.give_up(*lane);
+                self.envs.give_up(*lane);
             }
         }
     }
@@ -241,7 +240,7 @@ impl Server {
         // An invalid answer of a host that is gone is not worth an error: its episodes restart anyway.
         while self.receive(lane as usize, now).is_ok_and(|received| received) {}
         self.lanes[lane as usize].host_down();
-        self.slots.restart(lane);
+        self.envs.restart(lane);
     }
 
     /// Reports that a foreign host has left, and restarts its episodes.
@@ -252,16 +251,16 @@ impl Server {
 
     /// Receives the next answer of a lane. Returns `false` if there is none.
     fn receive(&mut self, lane_idx: usize, now: Instant) -> Result<bool, LaneError> {
-        let (slots, execute) = (&mut self.slots, self.lanes[lane_idx].config.execute);
+        let envs = &mut self.envs;
         self.lanes[lane_idx].receive(&mut self.counters.latencies, now, |slot, view, env_idx| {
-            accept(slots, slot, view, env_idx, execute, now)
+            accept(envs, slot, view, env_idx, now)
         })
     }
 
     /// Builds and steps episodes, and reports the finished ones.
     fn step(&mut self) -> Result<(), SimError> {
-        let (start, cpu_start) = (Instant::now(), ProcessTime::now());
-        let env_steps = self.slots.advance();
+        let (start, cpu_start) = (Instant::now(), CpuTime::of_process());
+        let env_steps = self.envs.advance();
         self.counters.physics_s += cpu_start.elapsed().as_secs_f64();
         let (first_work, first_cpu) = *self.first_work.get_or_insert((start, cpu_start));
         if env_steps > 0 {
@@ -274,7 +273,7 @@ impl Server {
             }
         }
         let mut written = Ok(());
-        self.slots.take_finished(|outcome| {
+        self.envs.take_finished(|outcome| {
             if written.is_ok() {
                 written = emit(&SimEvent::Finished(Box::new(outcome)));
             }
@@ -301,30 +300,29 @@ impl Server {
         Ok(())
     }
 
-    /// Sends one batch of ready slots that share a morphology. Returns `false` if there is none to send now
+    /// Sends one batch of ready envs that share a morphology. Returns `false` if there is none to send now
     /// ([`batch_size`]), or the lane cannot send.
     fn send(&mut self, lane_idx: usize) -> Result<bool, ServeLaneError> {
         let lane = &mut self.lanes[lane_idx];
         if !lane.can_send() {
             return Ok(false);
         }
-        let (tally, max_envs) = (self.slots.tally(lane_idx as u32), lane.config.spec.max_envs as usize);
+        let (tally, max_envs) = (self.envs.tally(lane_idx as u32), lane.config.spec.max_envs as usize);
         let Some(n_envs) = batch_size(tally, max_envs, self.n_threads) else { return Ok(false) };
         let Some(morphology) =
-            self.slots.ready(lane_idx as u32).next().map(|(_, episode)| episode.morphology())
+            self.envs.ready(lane_idx as u32).next().map(|(_, episode)| episode.morphology())
         else {
             return Ok(false);
         };
         self.batch.clear();
         let ready =
-            self.slots.ready(lane_idx as u32).filter(|(_, episode)| episode.morphology() == morphology);
+            self.envs.ready(lane_idx as u32).filter(|(_, episode)| episode.morphology() == morphology);
         self.batch.extend(ready.map(|(slot, _)| slot).take(n_envs));
         let as_lane_error = |policy: &str, source| LaneError::Link { policy: policy.to_owned(), source };
         let n_pages = self.batch.len() * lane.block_pages(morphology);
         let mut loan = lane.link.loan(n_pages).map_err(|e| as_lane_error(&lane.config.spec.policy, e))?;
-        let execute = lane.config.execute;
         let observing = trace::span(Activity::Observe);
-        let cost = self.writer.write(&mut self.slots, &self.batch, execute, morphology, loan.pages_mut())?;
+        let cost = self.writer.write(&mut self.envs, &self.batch, morphology, loan.pages_mut())?;
         observing.finish(self.batch.len() as u64);
         self.counters.images += cost.images;
         self.counters.render_s += cost.core_s;
@@ -333,7 +331,7 @@ impl Server {
         let now = Instant::now();
         let mode = control_mode(&self.run.results, morphology, protocol::Driver::Lane(lane_idx as u32));
         for slot in &self.batch {
-            self.slots.episode_mut(*slot).expect("a ready slot runs an episode").mark_queried(now);
+            self.envs.episode_mut(*slot).expect("a ready env runs an episode").mark_queried(now);
         }
         let header = lane.dispatch(&self.batch, morphology, mode, loan.pages_mut(), now);
         match loan.send(header) {
@@ -376,18 +374,17 @@ impl Server {
     }
 }
 
-/// Passes an env's answer to the episode in its slot. If the host could not answer, or an action is not
+/// Passes an env's answer to the episode in that env. If the host could not answer, or an action is not
 /// finite, only that episode ends with an error; an answer that does not match the query is an error of the
 /// lane.
 fn accept(
-    slots: &mut Slots,
+    envs: &mut Envs,
     slot: u32,
     view: &ActionView<'_>,
     env_idx: usize,
-    execute: u32,
     now: Instant,
 ) -> Result<(), InvalidAnswerError> {
-    let episode = slots.episode_mut(slot).ok_or(InvalidAnswerError::EmptySlot { slot })?;
+    let episode = envs.episode_mut(slot).ok_or(InvalidAnswerError::EmptySlot { slot })?;
     if view.header().status != 0 {
         episode.fail(EpisodeError::HostFailed);
         return Ok(());
@@ -395,7 +392,7 @@ fn accept(
     let answer = &view.blocks()[env_idx];
     episode.check_answer(slot, answer)?;
     match view.check_finite(env_idx) {
-        Ok(()) => episode.accept(answer, execute, now),
+        Ok(()) => episode.accept(answer, now),
         Err(error @ FrameError::NotFinite { .. }) => episode.fail(EpisodeError::NonFiniteAction(error)),
         Err(error) => return Err(error.into()),
     }

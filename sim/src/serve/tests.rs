@@ -11,8 +11,8 @@ use ipc_types::{
 };
 use run_config::Amount;
 
+use super::envs::LaneTally;
 use super::protocol::{Assignment, Driver, Lane};
-use super::slots::LaneTally;
 use super::*;
 use crate::counting::allocations;
 use crate::physics::World;
@@ -21,7 +21,7 @@ use render::RendererChoice;
 
 const RUN: u64 = 7;
 const N_ENVS: u32 = 3;
-/// Rows of each answer; the slots execute them in one call.
+/// Rows of each answer; the envs execute them in one call.
 const N_ROWS: u32 = 5;
 const MODE: ControlMode = ControlMode::EeDeltaPose;
 const MORPHOLOGY: Morphology = Morphology::Single;
@@ -106,15 +106,15 @@ fn loop_round_allocates_nothing_of_its_own() {
                 World::build(&nominal.draw(assignment(id).seed), MODE)
             })
             .collect();
-        server.slots.refill(|_| true);
-        assert_eq!(server.slots.advance(), 0, "the first call only builds the worlds");
+        server.envs.refill(|_| true);
+        assert_eq!(server.envs.advance(), 0, "the first call only builds the worlds");
         server.serve_lane(0).unwrap();
         let row = [0.1; 7];
         for round in 0..WARM_UP + ROUNDS {
             answer(&mut host, row.len());
             server.link.wait(Duration::from_secs(5)).unwrap();
             let ([received, _], ()) = allocations(|| server.serve_lane(0).unwrap());
-            let ([stepped, _], n_steps) = allocations(|| server.slots.advance());
+            let ([stepped, _], n_steps) = allocations(|| server.envs.advance());
             assert_eq!(n_steps, u64::from(N_ENVS * N_ROWS));
             let ([by_rapier, _], ()) = allocations(|| {
                 for twin in &mut twins {
@@ -141,8 +141,8 @@ fn answers_sent_before_leaving_count() {
             for id in 0..u64::from(N_ENVS) {
                 server.handle_command(&SimCommand::Run(assignment(id)));
             }
-            server.slots.refill(|_| true);
-            server.slots.advance();
+            server.envs.refill(|_| true);
+            server.envs.advance();
             server.serve_lane(0).unwrap();
             host.wait(Duration::from_secs(5)).unwrap();
             let query = *host.receive().unwrap().expect("the batch was just sent").header();
@@ -162,55 +162,55 @@ fn answers_sent_before_leaving_count() {
             }
             server.handle_command(&SimCommand::HostDown { lane: 0 });
             let mut errors = Vec::new();
-            server.slots.take_finished(|outcome| errors.extend(outcome.error));
+            server.envs.take_finished(|outcome| errors.extend(outcome.error));
             assert_eq!(errors, ["the policy host could not answer; see its log"; N_ENVS as usize]);
-            assert!(server.slots.held().is_empty());
+            assert!(server.envs.held().is_empty());
         });
     }
 }
 
-/// Slots of two lanes and the expert, with ten queued episodes of each.
-fn crowded_slots(limit: u32) -> Slots {
+/// Envs of two lanes and the expert, with ten queued episodes of each.
+fn crowded_envs(limit: u32) -> Envs {
     let spec = |lane| LaneSpec { lane, policy: "p".into(), max_envs: 1, block_pages: 1, in_flight: 1 };
     let mut config = config(&Domain::new(Path::new("/tmp"), 0), vec![spec(0), spec(1)]);
     (config.max_envs, config.envs) = (6, limit);
-    let mut slots = Slots::new(&config, None);
+    let mut envs = Envs::new(&config, None);
     for (n, driver) in [Driver::Lane(0), Driver::Lane(1), Driver::Expert].into_iter().enumerate() {
         for id in 0..10 {
-            slots.push(Assignment { driver, ..assignment(n as u64 * 10 + id) });
+            envs.push(Assignment { driver, ..assignment(n as u64 * 10 + id) });
         }
     }
-    slots
+    envs
 }
 
 #[test]
-fn drivers_share_slots_equally() {
-    let n_used = |slots: &Slots| [0, 1].map(|lane| slots.tally(lane).n_used);
-    let mut slots = crowded_slots(6);
-    slots.refill(|_| true);
-    assert_eq!(n_used(&slots), [2, 2]);
-    slots.give_up(0);
-    slots.refill(|_| true);
-    assert_eq!(n_used(&slots), [0, 3], "the expert has the other three");
-    assert_eq!(slots.held(), (10..30).collect::<Vec<_>>());
+fn drivers_share_envs_equally() {
+    let n_used = |envs: &Envs| [0, 1].map(|lane| envs.tally(lane).n_used);
+    let mut envs = crowded_envs(6);
+    envs.refill(|_| true);
+    assert_eq!(n_used(&envs), [2, 2]);
+    envs.give_up(0);
+    envs.refill(|_| true);
+    assert_eq!(n_used(&envs), [0, 3], "the expert has the other three");
+    assert_eq!(envs.held(), (10..30).collect::<Vec<_>>());
 }
 
 #[test]
 fn lane_without_host_starves_nobody() {
-    let mut slots = crowded_slots(6);
-    slots.refill(|lane| lane == 1);
-    assert_eq!((slots.tally(0).n_used, slots.tally(1).n_used), (0, 3));
+    let mut envs = crowded_envs(6);
+    envs.refill(|lane| lane == 1);
+    assert_eq!((envs.tally(0).n_used, envs.tally(1).n_used), (0, 3));
 
-    let mut slots = crowded_slots(1);
-    slots.give_up(1);
-    slots.refill(|_| true);
-    assert_eq!(slots.tally(0).n_used, 1, "it was connected when the slot was empty");
-    slots.refill(|_| false);
-    assert_eq!(slots.tally(0).n_used, 0, "the expert has the slot now");
-    assert_eq!(slots.held().len(), 20);
-    slots.restart(0);
-    slots.push(assignment(0));
-    assert_eq!(slots.held().len(), 20, "episode 0 is there already");
+    let mut envs = crowded_envs(1);
+    envs.give_up(1);
+    envs.refill(|_| true);
+    assert_eq!(envs.tally(0).n_used, 1, "it was connected when the env was empty");
+    envs.refill(|_| false);
+    assert_eq!(envs.tally(0).n_used, 0, "the expert has the env now");
+    assert_eq!(envs.held().len(), 20);
+    envs.restart(0);
+    envs.push(assignment(0));
+    assert_eq!(envs.held().len(), 20, "episode 0 is there already");
 }
 
 #[test]

@@ -21,11 +21,24 @@ const REAP_TIMEOUT: Duration = Duration::from_secs(8);
 /// Maximum wait for the rest of a child's stderr after its stdout has closed.
 const STDERR_TIMEOUT: Duration = Duration::from_secs(1);
 
+/// Score of a child for the kernel's choice of what to kill, from -1000 to 1000 (proc(5), `oom_score_adj`).
+const OOM_SCORE: i32 = 900;
+
 /// A child process. Dropping it kills the child.
 #[derive(Debug)]
 pub(crate) struct ChildProcess {
     child: Child,
     commands: Option<Sender<String>>,
+}
+
+/// Lets the kernel choose a child rather than this process if memory runs out: a child can be replaced.
+fn offer_memory(child: u32) {
+    let path = format!("/proc/{child}/oom_score_adj");
+    let current: Option<i32> = std::fs::read_to_string(&path).ok().and_then(|text| text.trim().parse().ok());
+    if current.is_some_and(|score| score < OOM_SCORE) {
+        // Without the right to, nothing changes.
+        let _ = std::fs::write(path, OOM_SCORE.to_string());
+    }
 }
 
 /// The output of a child, in order.
@@ -60,6 +73,7 @@ impl ChildProcess {
             .stderr(Stdio::piped())
             .process_group(0)
             .spawn()?;
+        offer_memory(child.id());
         let (Some(mut stdin), Some(stdout), Some(stderr)) =
             (child.stdin.take(), child.stdout.take(), child.stderr.take())
         else {

@@ -34,11 +34,23 @@ struct CellState {
     sequence: PairedSequence,
     /// Confidence sequences of both success rates.
     rates: [ConfidenceSequence; 2],
-    /// By episode: the outcome of A and B; an inner `None` is an episode that could not be run.
-    waiting: BTreeMap<u32, [Option<Option<bool>>; 2]>,
+    /// By episode: the outcomes of A and B.
+    waiting: BTreeMap<u32, [SideOutcome; 2]>,
     /// Index of the next pair.
     next: u32,
     decision: Option<Decision>,
+}
+
+/// What is known of one side of a pair.
+#[derive(Clone, Copy, Debug, Default)]
+enum SideOutcome {
+    #[default]
+    Unfinished,
+    /// The episode could not be run.
+    Failed,
+    Finished {
+        success: bool,
+    },
 }
 
 /// The conclusion of one cell.
@@ -153,14 +165,19 @@ impl Stopping {
 
 impl CellState {
     fn add(&mut self, side: usize, episode: u32, success: Option<bool>) {
-        self.waiting.entry(episode).or_default()[side] = Some(success);
-        while let Some([Some(a), Some(b)]) = self.waiting.get(&self.next) {
-            // A pair with an error on either side is left out.
-            if let (Some(a), Some(b)) = (*a, *b) {
-                self.sequence.push(a, b);
-                for (rate, success) in self.rates.iter_mut().zip([a, b]) {
-                    rate.push(f64::from(success));
+        let outcome = success.map_or(SideOutcome::Failed, |success| SideOutcome::Finished { success });
+        self.waiting.entry(episode).or_default()[side] = outcome;
+        while let Some([a, b]) = self.waiting.get(&self.next) {
+            match (*a, *b) {
+                (SideOutcome::Unfinished, _) | (_, SideOutcome::Unfinished) => return,
+                (SideOutcome::Finished { success: a }, SideOutcome::Finished { success: b }) => {
+                    self.sequence.push(a, b);
+                    for (rate, success) in self.rates.iter_mut().zip([a, b]) {
+                        rate.push(f64::from(success));
+                    }
                 }
+                // A pair with an error on either side is left out.
+                (SideOutcome::Failed, _) | (_, SideOutcome::Failed) => {}
             }
             self.waiting.remove(&self.next);
             self.next += 1;

@@ -57,11 +57,11 @@ impl Results {
         Ok(Self { connection, path: path.into(), lock })
     }
 
-    /// Stores a note that results do not depend on, replacing an earlier one with the same key.
+    /// Stores a value that results do not depend on, replacing an earlier one with the same key.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn note(&self, key: &str, value: &serde_json::Value) -> Result<(), StoreError> {
+    pub(crate) fn set_metadata(&self, key: &str, value: &serde_json::Value) -> Result<(), StoreError> {
         manifest::put(&self.connection, key, value).map_err(|error| self.not_written(error))
     }
 
@@ -104,7 +104,7 @@ impl Results {
     /// # Errors
     /// If it cannot be written.
     pub(crate) fn set_renderer(&self, identity: &str) -> Result<(), StoreError> {
-        self.note(manifest::RENDERER, &identity.into())
+        self.set_metadata(manifest::RENDERER, &identity.into())
     }
 
     /// Stores an episode. Once this returns, the row survives a crash of the process.

@@ -8,7 +8,7 @@ use run_config::{Amount, QueryMode, RunConfig};
 use sim::{Perturbation, TaskId};
 
 use crate::plan::RunPlan;
-use crate::plan::capacity::{Capacity, ENV_BYTES};
+use crate::plan::capacity::{Capacity, env_bytes};
 use crate::plan::lanes::lanes;
 use crate::selection::condition::Condition;
 use crate::selection::policy::NamedPolicy;
@@ -124,7 +124,7 @@ fn too_large(plan: &RunPlan, available: Option<u64>) -> Option<String> {
         Ok(bytes) => bytes,
         Err(error) => return Some(error.to_string()),
     };
-    let needed = u64::from(capacity.max_envs) * ENV_BYTES[usize::from(plan.needs_images())] + shm;
+    let needed = u64::from(capacity.max_envs) * env_bytes(plan) + shm;
     available.filter(|available| needed > *available).map(|available| {
         format!(
             "its envs need about {} MiB, and {} MiB of memory are available",

@@ -159,16 +159,17 @@ impl Policy for Pi05Policy {
         self.networks.iter().find(is_slow).map_or(0, |network| network.model.run_benchmark())
     }
 
-    fn note(&self, execute: u32, flop_per_s: f64) -> Option<String> {
-        let notes = self.networks.iter().map(|network| network.note(self.precision, execute, flop_per_s));
+    fn startup_message(&self, execute: u32, flop_per_s: f64) -> Option<String> {
+        let notes =
+            self.networks.iter().map(|network| network.startup_message(self.precision, execute, flop_per_s));
         Some(notes.collect::<Vec<_>>().join("; "))
     }
 }
 
 impl Pi05Network<Pi05Model> {
     /// Returns what the network is and, if a query takes long, how long.
-    fn note(&self, precision: Precision, execute: u32, flop_per_s: f64) -> String {
-        let mut text = self.processor.note(precision);
+    fn startup_message(&self, precision: Precision, execute: u32, flop_per_s: f64) -> String {
+        let mut text = self.processor.startup_message(precision);
         let flop = self.processor.flop_per_query();
         if flop >= MIN_ANNOUNCED_FLOP {
             let horizon = self.processor.description.architecture.horizon as u32;

@@ -54,7 +54,7 @@ impl Pi05Processor {
     }
 
     /// Returns what the network is.
-    pub(crate) fn note(&self, precision: Precision) -> String {
+    pub(crate) fn startup_message(&self, precision: Precision) -> String {
         let Pi05Description { architecture, mapping, prompt_state, .. } = &self.description;
         let n_steps = self.n_steps;
         let n_weights = architecture.n_weights();

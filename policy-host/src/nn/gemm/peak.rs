@@ -4,7 +4,7 @@
 use std::hint::black_box;
 use std::{io, thread};
 
-use cpu_time::ThreadTime;
+use run_config::trace::CpuTime;
 
 /// Independent dependency chains: enough to saturate two FMA units with a latency of four cycles each.
 const N_CHAINS: usize = 12;
@@ -45,7 +45,7 @@ pub fn try_peak_gflop_per_s(n_threads: usize) -> io::Result<f64> {
 
 /// Counts the time that the thread runs: on a busy machine it waits, but is not slower.
 fn round() -> f64 {
-    let (started, mut flop) = (ThreadTime::now(), 0.0);
+    let (started, mut flop) = (CpuTime::of_thread(), 0.0);
     while started.elapsed().as_secs_f64() < ROUND_S {
         flop += chains();
     }

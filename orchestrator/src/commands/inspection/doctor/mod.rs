@@ -107,7 +107,7 @@ fn shared_memory() -> Check {
 
 fn run_folder() -> Check {
     const NAME: &str = "run folder";
-    let base = fleet::base();
+    let base = fleet::runtime_folder();
     let path = base.display();
     let Ok(metadata) = std::fs::symlink_metadata(&base) else {
         return Check::ok(NAME, format!("{path}, which the first run creates"));
@@ -132,7 +132,7 @@ fn left_overs() -> Check {
     let named = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
     let ours = named.filter_map(|entry| entry.metadata().ok()).filter(|metadata| metadata.uid() == uid);
     let sizes: Vec<u64> = ours.map(|metadata| metadata.len()).collect();
-    let runs = std::fs::read_dir(fleet::base()).into_iter().flatten().flatten().count();
+    let runs = std::fs::read_dir(fleet::runtime_folder()).into_iter().flatten().flatten().count();
     if sizes.is_empty() && runs == 0 {
         return Check::ok(NAME, "none");
     }

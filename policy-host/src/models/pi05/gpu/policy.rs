@@ -70,7 +70,7 @@ impl DeviceNetwork for Pi05Network<GpuPi05Network> {
         self.processor.flop_per_query()
     }
 
-    fn note(&self) -> Option<String> {
-        Some(self.processor.note(Precision::F32))
+    fn startup_message(&self) -> Option<String> {
+        Some(self.processor.startup_message(Precision::F32))
     }
 }

@@ -30,7 +30,7 @@ pub(crate) fn triangles(loops: &[Vec<Point>]) -> Vec<[usize; 3]> {
 /// Returns twice the signed area of a loop, which is negative if it is clockwise.
 pub(crate) fn double_area(points: &[Point]) -> f64 {
     let next = points.iter().cycle().skip(1);
-    points.iter().zip(next).map(|(a, b)| turn([0.0; 2], *a, *b)).sum()
+    points.iter().zip(next).map(|(a, b)| orientation([0.0; 2], *a, *b)).sum()
 }
 
 struct PolygonWithHoles {
@@ -73,11 +73,11 @@ impl PolygonWithHoles {
     /// no loop.
     fn is_visible(&self, at: usize, target: Point) -> bool {
         let [before, start, after] = self.corner(at);
-        let left = |a, b, c| turn(a, b, c) > 0.0;
+        let left = |a, b, c| orientation(a, b, c) > 0.0;
         let starts_inside = if left(before, start, after) {
             left(start, target, before) && left(target, start, after)
         } else {
-            turn(start, target, after) < 0.0 || turn(target, start, before) < 0.0
+            orientation(start, target, after) < 0.0 || orientation(target, start, before) < 0.0
         };
         let loops = || core::iter::once(&self.ring).chain(&self.holes);
         let mut edges = loops().flat_map(|ring| {
@@ -111,9 +111,11 @@ impl PolygonWithHoles {
     /// boundary. Copies of its own corners, which bridges create, do not count.
     fn is_ear(&self, at: usize) -> bool {
         let [a, b, c] = self.corner(at);
-        let covers = |p: Point| turn(a, b, p) >= 0.0 && turn(b, c, p) >= 0.0 && turn(c, a, p) >= 0.0;
+        let covers = |p: Point| {
+            orientation(a, b, p) >= 0.0 && orientation(b, c, p) >= 0.0 && orientation(c, a, p) >= 0.0
+        };
         let points = || self.ring.iter().map(|i| self.points[*i]);
-        turn(a, b, c) > 0.0 && !points().any(|p| ![a, b, c].contains(&p) && covers(p))
+        orientation(a, b, c) > 0.0 && !points().any(|p| ![a, b, c].contains(&p) && covers(p))
     }
 
     /// Returns the preceding, the given and the following position in the ring.
@@ -128,7 +130,7 @@ impl PolygonWithHoles {
 }
 
 /// Returns twice the signed area of a triangle, which is positive if a → b → c turns left.
-fn turn(a: Point, b: Point, c: Point) -> f64 {
+fn orientation(a: Point, b: Point, c: Point) -> f64 {
     let [ux, uy] = difference(b, a);
     let [vx, vy] = difference(c, a);
     ux * vy - uy * vx
@@ -148,9 +150,10 @@ fn difference(a: Point, b: Point) -> [f64; 2] {
 fn intersects([a, b]: [Point; 2], [c, d]: [Point; 2]) -> bool {
     let passes = |p: Point| {
         let ([ux, uy], [vx, vy]) = (difference(a, p), difference(b, p));
-        p != a && p != b && turn(a, b, p) == 0.0 && ux * vx + uy * vy < 0.0
+        p != a && p != b && orientation(a, b, p) == 0.0 && ux * vx + uy * vy < 0.0
     };
     let opposite = |s: f64, t: f64| s < 0.0 && t > 0.0 || s > 0.0 && t < 0.0;
-    let crosses = opposite(turn(a, b, c), turn(a, b, d)) && opposite(turn(c, d, a), turn(c, d, b));
+    let crosses = opposite(orientation(a, b, c), orientation(a, b, d))
+        && opposite(orientation(c, d, a), orientation(c, d, b));
     crosses || passes(c) || passes(d)
 }

@@ -1,4 +1,4 @@
-//! The slots: episodes that run side by side. A slot is refilled as soon as its episode is done.
+//! The envs: episodes that run side by side. An env is refilled as soon as its episode is done.
 
 use std::collections::{HashSet, VecDeque};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -8,16 +8,16 @@ use run_config::RunConfig;
 use run_config::trace::{self, Activity};
 
 use super::episode::{RunningEpisode, Status};
-use super::protocol::{Assignment, Driver, Outcome, SimConfig};
+use super::protocol::{Assignment, Driver, Lane, Outcome, SimConfig};
 use crate::perturb::Sentences;
 
-/// Control steps that a slot executes before the loop serves the lanes again. It affects only the order of
+/// Control steps that an env executes before the loop serves the lanes again. It affects only the order of
 /// work, never a result.
 const STEP_QUANTUM: u32 = 5;
 
-/// The state of one slot.
-pub(crate) enum Slot {
-    /// The slot has no episode.
+/// The state of one env.
+pub(crate) enum Env {
+    /// The env has no episode.
     Empty,
     /// An episode whose world has not been built yet.
     Assigned(Assignment),
@@ -25,7 +25,7 @@ pub(crate) enum Slot {
     Running(Box<RunningEpisode>),
 }
 
-impl Slot {
+impl Env {
     fn assignment(&self) -> Option<Assignment> {
         match self {
             Self::Empty => None,
@@ -35,7 +35,7 @@ impl Slot {
     }
 }
 
-/// Numbers of slots that a lane uses.
+/// Numbers of envs that a lane uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct LaneTally {
     /// All of them.
@@ -46,45 +46,44 @@ pub(crate) struct LaneTally {
     pub(crate) n_acting: usize,
 }
 
-/// All slots, and the queues of episodes without a slot.
-pub(crate) struct Slots {
-    slots: Vec<Slot>,
-    /// Number of slots that may be in use.
+/// All envs, and the queues of episodes without an env.
+pub(crate) struct Envs {
+    envs: Vec<Env>,
+    /// Number of envs that may be in use.
     limit: u32,
     /// By driver: the lanes in order, then the expert.
     queues: Vec<VecDeque<Assignment>>,
-    /// Number of slots that each driver uses, in the order of the queues; counted by [`Self::refill`].
+    /// Number of envs that each driver uses, in the order of the queues; counted by [`Self::refill`].
     n_used: Vec<usize>,
-    /// Ids of all episodes in queues and slots.
+    /// Ids of all episodes in queues and envs.
     held: HashSet<u64>,
     run: RunConfig,
     /// Paraphrases that replace the built-in ones.
     sentences: Option<Sentences>,
-    /// [`Lane::images`] of every lane.
-    images: Vec<bool>,
+    lanes: Vec<Lane>,
 }
 
-impl Slots {
-    /// Creates empty slots.
+impl Envs {
+    /// Creates empty envs.
     pub(crate) fn new(config: &SimConfig, sentences: Option<Sentences>) -> Self {
         Self {
-            slots: (0..config.max_envs).map(|_| Slot::Empty).collect(),
+            envs: (0..config.max_envs).map(|_| Env::Empty).collect(),
             limit: config.envs,
             queues: vec![VecDeque::new(); config.lanes.len() + 1],
             n_used: vec![0; config.lanes.len() + 1],
             held: HashSet::new(),
             run: config.run.clone(),
             sentences,
-            images: config.lanes.iter().map(|lane| lane.images).collect(),
+            lanes: config.lanes.clone(),
         }
     }
 
-    /// Changes the number of slots that may be in use. Episodes in progress go on.
+    /// Changes the number of envs that may be in use. Episodes in progress go on.
     pub(crate) fn set_limit(&mut self, limit: u32) {
         self.limit = limit;
     }
 
-    /// Queues an episode, unless it is queued or in a slot already.
+    /// Queues an episode, unless it is queued or in an env already.
     pub(crate) fn push(&mut self, assignment: Assignment) {
         if self.held.insert(assignment.id) {
             let driver = self.driver_idx(assignment.driver);
@@ -92,7 +91,7 @@ impl Slots {
         }
     }
 
-    /// Returns the ids of all episodes in queues and slots, in ascending order.
+    /// Returns the ids of all episodes in queues and envs, in ascending order.
     pub(crate) fn held(&self) -> Vec<u64> {
         let mut held: Vec<u64> = self.held.iter().copied().collect();
         held.sort_unstable();
@@ -107,9 +106,9 @@ impl Slots {
         }
     }
 
-    /// Assigns queued episodes to empty slots. The next slot goes to the driver with the fewest, so that a
+    /// Assigns queued episodes to empty envs. The next env goes to the driver with the fewest, so that a
     /// slow policy does not starve the others. A lane for which `is_connected` is false comes last, and gives
-    /// a slot back to a driver that has none.
+    /// an env back to a driver that has none.
     pub(crate) fn refill(&mut self, is_connected: impl Fn(usize) -> bool) {
         if self.queues.iter().all(VecDeque::is_empty) {
             return;
@@ -117,37 +116,37 @@ impl Slots {
         let expert = self.queues.len() - 1;
         let can_act = |driver: usize| driver == expert || is_connected(driver);
         self.n_used.fill(0);
-        for slot in &self.slots {
-            if let Some(assignment) = slot.assignment() {
+        for env in &self.envs {
+            if let Some(assignment) = env.assignment() {
                 let driver = self.driver_idx(assignment.driver);
                 self.n_used[driver] += 1;
             }
         }
         let room = (self.limit as usize).saturating_sub(self.n_used.iter().sum());
-        for slot in self.slots.iter_mut().filter(|slot| matches!(slot, Slot::Empty)).take(room) {
+        for env in self.envs.iter_mut().filter(|env| matches!(env, Env::Empty)).take(room) {
             let waiting = (0..self.queues.len()).filter(|&driver| !self.queues[driver].is_empty());
             let next = waiting.min_by_key(|&driver| (!can_act(driver), self.n_used[driver]));
             let Some(driver) = next else { return };
-            *slot = self.queues[driver].pop_front().map_or(Slot::Empty, Slot::Assigned);
+            *env = self.queues[driver].pop_front().map_or(Env::Empty, Env::Assigned);
             self.n_used[driver] += 1;
         }
         for driver in 0..self.queues.len() {
             if can_act(driver) && self.n_used[driver] == 0 && !self.queues[driver].is_empty() {
-                self.displace(driver, can_act);
+                self.reassign_env(driver, can_act);
             }
         }
     }
 
-    /// Gives a slot of a driver that cannot act to `driver`, if there is one.
-    fn displace(&mut self, driver: usize, can_act: impl Fn(usize) -> bool) {
-        for idx in (0..self.slots.len()).rev() {
-            let Some(loser) = self.slots[idx].assignment() else { continue };
+    /// Gives an env of a driver that cannot act to `driver`, if there is one.
+    fn reassign_env(&mut self, driver: usize, can_act: impl Fn(usize) -> bool) {
+        for idx in (0..self.envs.len()).rev() {
+            let Some(loser) = self.envs[idx].assignment() else { continue };
             let from = self.driver_idx(loser.driver);
             if can_act(from) {
                 continue;
             }
             if let Some(winner) = self.queues[driver].pop_front() {
-                self.slots[idx] = Slot::Assigned(winner);
+                self.envs[idx] = Env::Assigned(winner);
                 self.queues[from].push_front(loser);
             }
             return;
@@ -157,26 +156,26 @@ impl Slots {
     /// Puts the unfinished episodes of a lane's policy back into its queue. They will start from their
     /// beginning.
     pub(crate) fn restart(&mut self, lane: u32) {
-        for slot in self.slots.iter_mut().rev() {
-            let is_done = matches!(slot, Slot::Running(episode) if episode.status() == Status::Done);
-            if let Some(assignment) = slot.assignment()
+        for env in self.envs.iter_mut().rev() {
+            let is_done = matches!(env, Env::Running(episode) if episode.status() == Status::Done);
+            if let Some(assignment) = env.assignment()
                 && assignment.driver == Driver::Lane(lane)
                 && !is_done
             {
                 self.queues[lane as usize].push_front(assignment);
-                *slot = Slot::Empty;
+                *env = Env::Empty;
             }
         }
     }
 
     /// Forgets all episodes of a lane's policy.
     pub(crate) fn give_up(&mut self, lane: u32) {
-        for slot in &mut self.slots {
-            if let Some(assignment) = slot.assignment()
+        for env in &mut self.envs {
+            if let Some(assignment) = env.assignment()
                 && assignment.driver == Driver::Lane(lane)
             {
                 self.held.remove(&assignment.id);
-                *slot = Slot::Empty;
+                *env = Env::Empty;
             }
         }
         for assignment in self.queues[lane as usize].drain(..) {
@@ -184,40 +183,40 @@ impl Slots {
         }
     }
 
-    /// Returns the episode that runs in a slot.
+    /// Returns the episode that runs in an env.
     pub(crate) fn episode_mut(&mut self, slot: u32) -> Option<&mut RunningEpisode> {
-        match self.slots.get_mut(slot as usize) {
-            Some(Slot::Running(episode)) => Some(episode),
+        match self.envs.get_mut(slot as usize) {
+            Some(Env::Running(episode)) => Some(episode),
             _ => None,
         }
     }
 
-    /// Returns the episode that runs in a slot.
+    /// Returns the episode that runs in an env.
     pub(crate) fn episode(&self, slot: u32) -> Option<&RunningEpisode> {
-        match self.slots.get(slot as usize) {
-            Some(Slot::Running(episode)) => Some(episode),
+        match self.envs.get(slot as usize) {
+            Some(Env::Running(episode)) => Some(episode),
             _ => None,
         }
     }
 
-    /// Returns the slots of a lane whose next query is due, in slot order.
+    /// Returns the envs of a lane whose next query is due, in the order of their numbers.
     pub(crate) fn ready(&self, lane: u32) -> impl Iterator<Item = (u32, &RunningEpisode)> {
-        (0_u32..).zip(&self.slots).filter_map(move |(idx, slot)| match slot {
-            Slot::Running(episode) if episode.assignment.driver == Driver::Lane(lane) => {
+        (0_u32..).zip(&self.envs).filter_map(move |(idx, env)| match env {
+            Env::Running(episode) if episode.assignment.driver == Driver::Lane(lane) => {
                 (episode.status() == Status::Ready).then_some((idx, episode.as_ref()))
             }
             _ => None,
         })
     }
 
-    /// Counts the slots of a lane.
+    /// Counts the envs of a lane.
     pub(crate) fn tally(&self, lane: u32) -> LaneTally {
         let mut tally = LaneTally::default();
-        for slot in &self.slots {
-            let (driver, status) = match slot {
-                Slot::Empty => continue,
-                Slot::Assigned(assignment) => (assignment.driver, Status::Acting),
-                Slot::Running(episode) => (episode.assignment.driver, episode.status()),
+        for env in &self.envs {
+            let (driver, status) = match env {
+                Env::Empty => continue,
+                Env::Assigned(assignment) => (assignment.driver, Status::Acting),
+                Env::Running(episode) => (episode.assignment.driver, episode.status()),
             };
             if driver == Driver::Lane(lane) {
                 tally.n_used += 1;
@@ -231,36 +230,31 @@ impl Slots {
     /// Returns `true` if [`Self::advance`] would build or step anything, or a finished episode has not been
     /// reported.
     pub(crate) fn has_work(&self) -> bool {
-        self.slots.iter().any(|slot| match slot {
-            Slot::Empty => false,
-            Slot::Assigned(_) => true,
-            Slot::Running(episode) => matches!(episode.status(), Status::Acting | Status::Done),
+        self.envs.iter().any(|env| match env {
+            Env::Empty => false,
+            Env::Assigned(_) => true,
+            Env::Running(episode) => matches!(episode.status(), Status::Acting | Status::Done),
         })
     }
 
-    /// Builds assigned episodes and steps those that have action rows, slots in parallel. A thread that finds
-    /// no other slot goes on with its own until all have finished, instead of waiting for them. Returns the
+    /// Builds assigned episodes and steps those that have action rows, envs in parallel. A thread that finds
+    /// no other env goes on with its own until all have finished, instead of waiting for them. Returns the
     /// number of control steps executed.
     pub(crate) fn advance(&mut self) -> u64 {
-        let (run, sentences, images) = (&self.run, self.sentences.as_ref(), &self.images);
-        let (unstarted, unfinished) =
-            (AtomicUsize::new(self.slots.len()), AtomicUsize::new(self.slots.len()));
-        let advance_slot = |slot: &mut Slot| {
+        let (lanes, run, sentences) = (&self.lanes, &self.run, self.sentences.as_ref());
+        let (unstarted, unfinished) = (AtomicUsize::new(self.envs.len()), AtomicUsize::new(self.envs.len()));
+        let advance_env = |env: &mut Env| {
             unstarted.fetch_sub(1, Ordering::Relaxed);
-            if let Slot::Assigned(assignment) = slot {
-                let uses_images = match assignment.driver {
-                    Driver::Lane(lane) => images[lane as usize],
-                    Driver::Expert => false,
-                };
+            if let Env::Assigned(assignment) = env {
                 let building = trace::span(Activity::Build);
-                let episode = RunningEpisode::new(*assignment, run, sentences, uses_images);
+                let episode = RunningEpisode::new(*assignment, lanes, run, sentences);
                 building.finish(1);
-                *slot = Slot::Running(Box::new(episode));
+                *env = Env::Running(Box::new(episode));
             }
             let start = trace::now();
-            let mut advance = |max_rows| match slot {
-                Slot::Running(episode) => u64::from(episode.advance(max_rows)),
-                Slot::Empty | Slot::Assigned(_) => 0,
+            let mut advance = |max_rows| match env {
+                Env::Running(episode) => u64::from(episode.advance(max_rows)),
+                Env::Empty | Env::Assigned(_) => 0,
             };
             let mut n_steps = advance(STEP_QUANTUM);
             unfinished.fetch_sub(1, Ordering::Relaxed);
@@ -275,18 +269,18 @@ impl Slots {
             }
             n_steps
         };
-        self.slots.par_iter_mut().with_max_len(1).map(advance_slot).sum()
+        self.envs.par_iter_mut().with_max_len(1).map(advance_env).sum()
     }
 
-    /// Reports and removes finished episodes, in slot order.
+    /// Reports and removes finished episodes, in the order of their numbers.
     pub(crate) fn take_finished(&mut self, mut report: impl FnMut(Outcome)) {
-        for slot in &mut self.slots {
-            if let Slot::Running(episode) = slot
+        for env in &mut self.envs {
+            if let Env::Running(episode) = env
                 && episode.status() == Status::Done
             {
                 self.held.remove(&episode.assignment.id);
                 report(episode.outcome());
-                *slot = Slot::Empty;
+                *env = Env::Empty;
             }
         }
     }
