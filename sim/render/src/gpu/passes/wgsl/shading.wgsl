@@ -97,7 +97,7 @@ fn shade_triangle(view: View, id: u32, at: vec2u) -> vec3f {
     let f = snap_vertex(view, transform_point(instance.view_from_mesh, v2.position.xyz)) - p;
     let px = vec2f(at) + 0.5;
     // With several samples per pixel, the pixel's centre may lie outside of the triangle.
-    let ab = clamp(intersect(view, p, e, f, px), vec2f(0.0), vec2f(1.0));
+    let ab = intersect(view, p, e, f, px);
     let point = p + ab.x * e + ab.y * f;
     if point.z * view.inverse_far >= 1.0 {
         return vec3f(0.0);
