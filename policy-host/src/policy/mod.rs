@@ -58,8 +58,8 @@ pub trait Policy: Send {
     fn compute_whole_chunks(&mut self) {}
 
     /// Computes a part of a network, for a measurement of speed, and returns its floating-point operations; 0
-    /// if a query takes so little time that [`startup_message`](Self::startup_message) does not mention it. Uses the current rayon
-    /// pool.
+    /// if a query takes so little time that [`startup_message`](Self::startup_message) does not mention it.
+    /// Uses the current rayon pool.
     fn run_benchmark(&self) -> u64 {
         0
     }

@@ -41,7 +41,7 @@ struct CellState {
     decision: Option<Decision>,
 }
 
-/// What is known of one side of a pair.
+/// One side of a pair.
 #[derive(Clone, Copy, Debug, Default)]
 enum SideOutcome {
     #[default]
