@@ -53,12 +53,47 @@ fn points_account_for_all_cores_and_resume() {
 }
 
 #[test]
+fn chosen_envs_and_rounds_are_reported() {
+    let dir = tempfile::tempdir().unwrap();
+    let measure = |rounds: &str| -> Value {
+        let args = ["fps", "--policy", "idle", "--mode", "chunk", "--seconds", "1", "--json"];
+        let more = ["--tasks", "RaiseCube,DualArmLiftPot", "--envs", "auto,2", "--rounds", rounds];
+        serde_json::from_str(&run(dir.path(), &[&args[..], &more[..]].concat()).expect_code(0).stdout)
+            .unwrap()
+    };
+    let once = measure("1");
+    let more = measure("3");
+    assert_eq!(more["settings"]["tasks"], serde_json::json!(["RaiseCube", "DualArmLiftPot"]));
+    for (idx, envs) in [Value::from(2), Value::from("auto")].iter().enumerate() {
+        let (point, first) = (&more["points"][idx], &once["points"][idx]);
+        assert_eq!(point["envs"], *envs);
+        let rates = point["rounds_env_steps_per_s"].as_array().unwrap();
+        assert_eq!((rates.len(), &rates[1]), (3, &point["env_steps_per_s"]), "{point:#}");
+        assert!(rates.contains(&first["env_steps_per_s"]), "the first round was measured again: {point:#}");
+    }
+    let n_envs = more["points"][1]["n_envs"].as_u64().unwrap();
+    let svg = fs::read_to_string(dir.path().join("fps/fps.svg")).unwrap();
+    assert!(n_envs > 0 && svg.contains(&format!("auto ({n_envs})")), "{svg}");
+    let csv = fs::read_to_string(dir.path().join("fps/idle-chunk.csv")).unwrap();
+    assert!(csv.lines().last().unwrap().ends_with(",auto"), "{csv}");
+}
+
+#[test]
 fn other_settings_need_another_folder() {
     let dir = tempfile::tempdir().unwrap();
     let args = ["fps", "--policy", "idle", "--mode", "chunk", "--envs", "1", "--seconds", "1"];
     let _ = run(dir.path(), &args).expect_code(0);
     let refused = run(dir.path(), &[&args[..], &["--execute", "5"]].concat()).expect_code(2);
     for part in ["fps/points.jsonl", "options", "-o"] {
+        assert!(refused.stderr.contains(part), "{}", refused.stderr);
+    }
+    // The settings of an earlier version, which measured one task.
+    let file = dir.path().join("fps/points.jsonl");
+    let earlier =
+        fs::read_to_string(&file).unwrap().replace("\"tasks\":[\"RaiseCube\"]", "\"task\":\"RaiseCube\"");
+    fs::write(&file, earlier).unwrap();
+    let refused = run(dir.path(), &args).expect_code(2);
+    for part in ["fps/points.jsonl, line 1", "tasks", "-o"] {
         assert!(refused.stderr.contains(part), "{}", refused.stderr);
     }
     let unloadable = ["fps", "--policy", "act:nowhere", "--envs", "1", "-o", "other"];

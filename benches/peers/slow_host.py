@@ -1,16 +1,22 @@
 """Serves random actions under the name argv[1]. Each batch takes argv[2] seconds, and argv[3] more per env.
 
-The time passes asleep, as for a policy on another machine or a GPU. Needs numpy, and `python/` of this repository.
+The time passes asleep, as for a policy on another machine or a GPU. Serves run after run until it is stopped. Needs
+numpy, iceoryx2, and `python/` of this repository.
 """
 
 import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "python"))
+PACKAGE = Path(__file__).parents[2] / "python"
+sys.path.insert(0, str(PACKAGE))
 
-import hypogeum  # noqa: E402
-import numpy as np  # noqa: E402
+try:
+    import hypogeum
+    import hypogeum.link  # needs iceoryx2
+    import numpy as np
+except ImportError as error:
+    sys.exit(f"error: {error}; install numpy and iceoryx2 with: {sys.executable} -m pip install {PACKAGE}")
 
 name, per_batch, per_env = sys.argv[1], float(sys.argv[2]), float(sys.argv[3])
 
@@ -25,4 +31,4 @@ def policy(observation):
     return chunks
 
 
-hypogeum.serve(policy, name)
+hypogeum.serve(policy, name, forever=True)

@@ -1,18 +1,19 @@
 //! A number that the user gives or leaves to the program.
 
+use std::fmt::{self, Display, Formatter};
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// A number of envs or threads. It is stored as a number, or as the word `auto`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "StoredAmount", into = "StoredAmount")]
 pub enum Amount {
-    /// The program chooses.
-    Auto,
     /// The user chose, at least 1.
     Fixed(u32),
+    /// The program chooses.
+    Auto,
 }
 
 /// Errors that can occur while parsing an [`Amount`].
@@ -41,6 +42,15 @@ impl Amount {
     }
 }
 
+impl Display for Amount {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Fixed(number) => number.fmt(f),
+        }
+    }
+}
+
 impl FromStr for Amount {
     type Err = AmountError;
 
@@ -64,7 +74,7 @@ enum StoredAmount {
 impl From<Amount> for StoredAmount {
     fn from(amount: Amount) -> Self {
         match amount {
-            Amount::Auto => Self::Word("auto".to_owned()),
+            Amount::Auto => Self::Word(amount.to_string()),
             Amount::Fixed(number) => Self::Number(number),
         }
     }

@@ -14,7 +14,6 @@ use policy_host::models::synthetic;
 use policy_host::nn::Precision;
 use run_config::{Amount, ImageOptions, InferenceOptions, MAX_ENVS, QueryMode, RunConfig};
 use serde_json::json;
-use sim::TaskId;
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::interrupt;
@@ -25,7 +24,7 @@ use crate::console::threads::start_threads;
 use crate::plan::check_policies;
 use crate::run::execution::{find_device, resolve};
 use crate::selection::policy::{Identity, NamedPolicy};
-use crate::selection::selectors::TASK_PARSER;
+use crate::selection::selectors::TaskSelector;
 use crate::store::build_identity;
 use crate::study::machine::{Cores, Machine};
 use crate::study::speed::{
@@ -49,16 +48,18 @@ pub(crate) struct FpsArgs {
         default_value = "chunk,ensemble"
     )]
     pub(crate) modes: Vec<QueryMode>,
-    /// Numbers of episodes in progress at a time, comma-separated
-    #[arg(long, value_name = "LIST", value_delimiter = ',',
-        value_parser = value_parser!(u32).range(1..=i64::from(MAX_ENVS)),
+    /// Numbers of episodes in progress at a time, comma-separated; auto is the choice of `run`
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Amount::parser(MAX_ENVS),
         default_value = "1,2,4,8,16,32,64,128,256,512,1024,2048,4096,5000")]
-    pub(crate) envs: Vec<u32>,
-    /// Task whose episodes are run
-    #[arg(long, value_name = "NAME", value_parser = TASK_PARSER, hide_possible_values = true,
-        default_value = "RaiseCube")]
-    pub(crate) task: TaskId,
-    /// Least time of evaluation per point, in seconds
+    pub(crate) envs: Vec<Amount>,
+    /// Tasks whose episodes are run, as in `run`
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = TaskSelector::PARSER,
+        hide_possible_values = true, default_value = "RaiseCube")]
+    pub(crate) tasks: Vec<TaskSelector>,
+    /// Measurements of each point, in alternation with the others of its policy and mode; the median counts
+    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=100), default_value_t = 1)]
+    pub(crate) rounds: u32,
+    /// Least time of evaluation per measurement, in seconds
     #[arg(long, value_name = "S", value_parser = value_parser!(u32).range(1..=3600), default_value_t = 10)]
     pub(crate) seconds: u32,
     /// Rows of each action chunk to execute before the next query; always 1 in ensemble mode
@@ -95,11 +96,9 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
     let machine = Machine::detect();
     let plan = speed_plan(args)?;
     let (points, mut omissions) = plan.points();
-    omissions.iter().for_each(print_omission);
+    omissions.iter().for_each(|omission| print_message(&omission.to_string()));
     let identities = policy_identities(&plan, &points)?;
     let settings = settings(args, &plan, &identities, &machine);
-    let has_network = plan.policies.iter().any(|policy| policy.spec.checkpoint().is_some());
-    let cores = Cores::measure(&machine, plan.config.resources.n_threads(), has_network);
     let mut store = PointStore::open(&args.output, &settings).or_user()?;
     let mut output = OutputFolder::open(&args.output, args.overwriting).or_user()?;
     let stop = StopControl::default();
@@ -107,47 +106,57 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
         let stop = stop.clone();
         interrupt::watch(move || stop.request()).context("failed to install signal handlers")?
     };
-    let is_done = |store: &PointStore, point: &PlannedPoint| {
-        store.points.iter().any(|done| done.series == point.series && done.envs == point.envs)
-    };
-    let n_done = points.iter().filter(|point| is_done(&store, point)).count() as u64;
-    let mut progress = Progress::of_points(points.len() as u64, n_done, args.quiet, args.json);
-    for point in points.iter().filter(|point| !is_done(&store, point)).collect::<Vec<_>>() {
-        let previous = store.points.iter().rfind(|done| done.series == point.series);
-        if let Some(reason) = previous.and_then(|previous| plan.too_slow(point, previous)) {
+    let all = schedule(&points, args.rounds as usize);
+    let is_left = |(round, point): &(usize, &PlannedPoint)| store.n_rounds(point) <= *round;
+    let todo: Vec<_> = all.iter().copied().filter(is_left).collect();
+    let n_done = all.len() - todo.len();
+    let mut progress = Progress::of_points(all.len() as u64, n_done as u64, args.quiet, args.json);
+    for (round, point) in todo {
+        if round == 0
+            && let Some(reason) = plan.too_slow(point, &store.measured)
+        {
             let omission = Omission { series: point.series.clone(), envs: point.envs, reason };
             progress.log(&omission.to_string());
-            progress.skip(1);
             omissions.push(omission);
+        }
+        if omissions.iter().any(|other| (&other.series, other.envs) == (&point.series, point.envs)) {
+            progress.skip(1);
             continue;
         }
         progress.status(&[format!("{}, {} envs", point.series.name(), point.envs)]);
+        // The speed of a machine may drift, so the peak is measured every time.
+        let cores = Cores::measure(&machine, plan.config.resources.n_threads(), true);
         let identity = &identities[&point.series.policy];
         let Some(measured) = measure(&plan, point, identity, cores, &mut progress, &stop)? else {
-            progress.finish();
-            write_files(&mut output, &settings, &store.points, &omissions).or_user()?;
-            let folder = args.output.display();
-            print_message(&format!("interrupted; {folder}: run the same command to resume"));
-            return Ok(ExitStatus::Interrupted);
+            break;
         };
         store.add(measured).context("failed to store a point").or_user()?;
         progress.tick();
     }
     progress.finish();
-    write_files(&mut output, &settings, &store.points, &omissions).or_user()?;
+    let points = store.points();
+    write_files(&mut output, &settings, &points, &omissions).or_user()?;
+    if stop.is_requested() {
+        let folder = args.output.display();
+        print_message(&format!("interrupted; {folder}: run the same command to resume"));
+        return Ok(ExitStatus::Interrupted);
+    }
     if args.json {
         let all = std::fs::read_to_string(args.output.join("fps.json")).context("failed to read fps.json")?;
         print_out(&all)?;
     } else {
-        print_out(&table(&store.points))?;
+        print_out(&table(&points))?;
         print_message(&format!("wrote {}", args.output.join("fps.{json,svg}").display()));
     }
-    let errors = store.points.iter().any(|point| point.errors > 0);
+    let errors = store.measured.iter().any(|point| point.errors > 0);
     Ok(if errors { ExitStatus::EpisodeErrors } else { ExitStatus::Success })
 }
 
-fn print_omission(omission: &Omission) {
-    print_message(&omission.to_string());
+/// Returns the rounds of all points with their indices: series by series, and round by round.
+fn schedule(points: &[PlannedPoint], n_rounds: usize) -> Vec<(usize, &PlannedPoint)> {
+    let series = points.chunk_by(|a, b| a.series == b.series);
+    let rounds = series.flat_map(|own| (0..n_rounds).map(move |round| (round, own)));
+    rounds.flat_map(|(round, own)| own.iter().map(move |point| (round, point))).collect()
 }
 
 fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
@@ -172,7 +181,8 @@ fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
         }
     }
     let device = find_device(&policies, &mut config)?;
-    Ok(SpeedPlan { policies, modes, envs, task: args.task, seconds: args.seconds, config, device })
+    let tasks = TaskSelector::select(&args.tasks);
+    Ok(SpeedPlan { policies, modes, envs, tasks, seconds: args.seconds, config, device })
 }
 
 /// Returns the idle policy, and ACT with random weights in a sub-folder of the output.
@@ -220,7 +230,7 @@ fn settings(
     let rendering = &plan.config.rendering;
     SpeedSettings {
         version: format!("{} {}", build_identity::VERSION, build_identity::CODE),
-        task: plan.task.name().to_owned(),
+        tasks: plan.tasks.iter().map(|task| task.name().to_owned()).collect(),
         seconds: args.seconds,
         policies: json!(identities),
         options: json!({

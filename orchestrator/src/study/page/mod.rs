@@ -15,7 +15,7 @@ pub(crate) use self::content::ReportContent;
 pub(crate) use self::content::computation::PageOptions;
 pub(crate) use self::content::external::{ExternalData, FpsTable, HardwareTable};
 use self::drawings::canvas::Figure;
-pub(crate) use self::drawings::figures::{FpsSeries, fps_svgs};
+pub(crate) use self::drawings::figures::{Curve, fps_svgs};
 use crate::statistics::Levels;
 use crate::study::analysis::EmbodimentDifference;
 

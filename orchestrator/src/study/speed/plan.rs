@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use ipc_types::link::{SHM, check_budget};
 use run_config::allotment::available_memory;
-use run_config::{Amount, QueryMode, RunConfig};
+use run_config::{Amount, MAX_ENVS, QueryMode, RunConfig};
+use serde::Serialize;
 use sim::{Perturbation, TaskId};
 
 use crate::plan::RunPlan;
@@ -25,9 +26,9 @@ const MAX_TIMES: f64 = 20.0;
 pub(crate) struct SpeedPlan {
     pub(crate) policies: Vec<NamedPolicy>,
     pub(crate) modes: Vec<QueryMode>,
-    /// Numbers of envs, ascending.
-    pub(crate) envs: Vec<u32>,
-    pub(crate) task: TaskId,
+    /// Numbers of envs, ascending, `auto` last.
+    pub(crate) envs: Vec<Amount>,
+    pub(crate) tasks: Vec<TaskId>,
     /// Seconds of evaluation per point.
     pub(crate) seconds: u32,
     /// Options of all points; `mode`, `execute` and `envs` are those of the point.
@@ -40,22 +41,17 @@ pub(crate) struct SpeedPlan {
 #[derive(Clone, Debug)]
 pub(crate) struct PlannedPoint {
     pub(crate) series: Series,
-    pub(crate) envs: u32,
+    pub(crate) envs: Amount,
     pub(crate) plan: RunPlan,
-}
-
-impl PlannedPoint {
-    /// Returns the least number of control steps, all envs together.
-    fn min_steps(&self) -> u64 {
-        u64::from(self.envs) * u64::from(MIN_QUERIES * self.plan.executions[0].execute)
-    }
+    /// Least number of control steps, all envs together; with `auto`, of those at the start.
+    pub(crate) min_steps: u64,
 }
 
 /// A point that is left out.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(crate) struct Omission {
     pub(crate) series: Series,
-    pub(crate) envs: u32,
+    pub(crate) envs: Amount,
     pub(crate) reason: String,
 }
 
@@ -74,37 +70,45 @@ impl SpeedPlan {
             for &mode in &self.modes {
                 let series = Series { policy: policy.name.clone(), mode };
                 for &envs in &self.envs {
-                    let plan = self.run_plan(policy, mode, envs);
-                    match too_large(&plan, available) {
-                        None => points.push(PlannedPoint { series: series.clone(), envs, plan }),
-                        Some(reason) => omissions.push(Omission { series: series.clone(), envs, reason }),
+                    let (series, plan) = (series.clone(), self.run_plan(policy, mode, envs));
+                    let capacity = Capacity::new(&plan, usize::MAX);
+                    if let Some(reason) = too_large(&plan, capacity, available) {
+                        omissions.push(Omission { series, envs, reason });
+                        continue;
                     }
+                    let min_steps = u64::from(capacity.envs * MIN_QUERIES * plan.executions[0].execute);
+                    points.push(PlannedPoint { series, envs, plan, min_steps });
                 }
             }
         }
         (points, omissions)
     }
 
-    fn run_plan(&self, policy: &NamedPolicy, mode: QueryMode, envs: u32) -> RunPlan {
+    fn run_plan(&self, policy: &NamedPolicy, mode: QueryMode, envs: Amount) -> RunPlan {
         let mut config = self.config.clone();
         config.query.mode = Some(mode);
         config.query.execute = config.query.execute.filter(|_| mode == QueryMode::Chunk);
-        config.resources.envs = Amount::Fixed(envs);
+        config.resources.envs = envs;
         RunPlan {
             policies: vec![policy.clone()],
             executions: vec![config.query.without_checkpoint()],
-            conditions: vec![Condition { task: self.task, perturbation: Perturbation::None.into() }],
+            conditions: self
+                .tasks
+                .iter()
+                .map(|&task| Condition { task, perturbation: Perturbation::None.into() })
+                .collect(),
             // More than any machine finishes in the time of a point.
-            episodes: envs + 2000 * self.seconds,
+            episodes: envs.or_else(|| MAX_ENVS) + 2000 * self.seconds,
             config,
             db: PathBuf::new(),
             stopping: None,
         }
     }
 
-    /// Returns why a point would take too long, judged by the series' previous point.
-    pub(crate) fn too_slow(&self, point: &PlannedPoint, previous: &SpeedPoint) -> Option<String> {
-        let seconds = point.min_steps() as f64 / previous.env_steps_per_s;
+    /// Returns why a point would take too long, judged by the series' previous one.
+    pub(crate) fn too_slow(&self, point: &PlannedPoint, measured: &[SpeedPoint]) -> Option<String> {
+        let previous = measured.iter().rfind(|previous| previous.series == point.series)?;
+        let seconds = point.min_steps as f64 / previous.env_steps_per_s;
         (seconds > MAX_TIMES * f64::from(self.seconds)).then(|| {
             format!("{MIN_QUERIES} queries of every env would take {seconds:.0} s; use a larger --seconds")
         })
@@ -112,13 +116,12 @@ impl SpeedPlan {
 
     /// Returns `true` once a point has been measured for long enough.
     pub(crate) fn is_enough(&self, point: &PlannedPoint, env_steps: u64, wall_s: f64) -> bool {
-        wall_s >= f64::from(self.seconds) && env_steps >= point.min_steps()
+        wall_s >= f64::from(self.seconds) && env_steps >= point.min_steps
     }
 }
 
 /// Returns why a point does not fit into memory.
-fn too_large(plan: &RunPlan, available: Option<u64>) -> Option<String> {
-    let capacity = Capacity::new(plan, usize::MAX);
+fn too_large(plan: &RunPlan, capacity: Capacity, available: Option<u64>) -> Option<String> {
     let specs: Vec<_> = lanes(plan, capacity.batch).into_iter().map(|policy| policy.lane.spec).collect();
     let shm = match check_budget(&specs, SHM.as_ref()) {
         Ok(bytes) => bytes,
@@ -144,8 +147,8 @@ mod tests {
         SpeedPlan {
             policies: vec!["idle".parse().unwrap()],
             modes: vec![QueryMode::Chunk, QueryMode::Ensemble],
-            envs: vec![1, 64],
-            task: TaskId::RaiseCube,
+            envs: vec![Amount::Fixed(1), Amount::Fixed(64), Amount::Auto],
+            tasks: vec![TaskId::RaiseCube],
             seconds: 10,
             config: RunConfig::default(),
             device: None,
@@ -163,8 +166,10 @@ mod tests {
         let expected = [
             (Execution::chunk(30), Amount::Fixed(1)),
             (Execution::chunk(30), Amount::Fixed(64)),
+            (Execution::chunk(30), Amount::Auto),
             (Execution::ENSEMBLE, Amount::Fixed(1)),
             (Execution::ENSEMBLE, Amount::Fixed(64)),
+            (Execution::ENSEMBLE, Amount::Auto),
         ];
         assert_eq!(options.collect::<Vec<_>>(), expected);
     }
@@ -172,16 +177,17 @@ mod tests {
     #[test]
     fn points_beyond_memory_are_left_out() {
         let (points, _) = plan().points();
-        let reason = too_large(&points[1].plan, Some(10 << 20)).unwrap();
-        assert!(reason.contains("10 MiB of memory are available"), "{reason}");
-        assert_eq!(too_large(&points[0].plan, Some(10 << 20)), None);
+        let reason = |plan| too_large(plan, Capacity::new(plan, usize::MAX), Some(10 << 20));
+        let large = reason(&points[1].plan).unwrap();
+        assert!(large.contains("10 MiB of memory are available"), "{large}");
+        assert_eq!(reason(&points[0].plan), None);
     }
 
     #[test]
     fn points_need_time_and_two_queries_per_env() {
         let plan = plan();
         let (points, _) = plan.points();
-        for (point, min_steps) in [(&points[1], 64 * 60), (&points[3], 64 * 2)] {
+        for (point, min_steps) in [(&points[1], 64 * 60), (&points[4], 64 * 2)] {
             assert!(!plan.is_enough(point, 100_000, 9.0));
             assert!(!plan.is_enough(point, min_steps - 1, 11.0));
             assert!(plan.is_enough(point, min_steps, 11.0));

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use run_config::QueryMode;
+use run_config::{Amount, QueryMode};
 use serde::{Deserialize, Serialize};
 
 use crate::fleet::Totals;
@@ -26,14 +26,20 @@ pub(crate) struct Series {
 pub(crate) struct SpeedPoint {
     #[serde(flatten)]
     pub(crate) series: Series,
-    /// Number of envs.
-    pub(crate) envs: u32,
+    /// Number of envs as it was asked for.
+    pub(crate) envs: Amount,
+    /// Number of envs, with `auto` the one in use at the end.
+    pub(crate) n_envs: u32,
     /// Control steps executed.
     pub(crate) env_steps: u64,
     /// Wall seconds from the first work to the last control step.
     pub(crate) wall_s: f64,
     /// `env_steps / wall_s`.
     pub(crate) env_steps_per_s: f64,
+    /// The same of every round, ascending. The point is the round with the median.
+    pub(crate) rounds_env_steps_per_s: Vec<f64>,
+    /// Register peak of a core in GFLOP/s just before, which tells how fast the machine was.
+    pub(crate) peak_gflop: Option<f64>,
     /// Wall seconds before and after that window: start and end of all processes.
     pub(crate) overhead_s: f64,
     /// Control steps per second by the paper's definition: one batch of `envs` episodes of 200 steps, timed
@@ -83,7 +89,7 @@ impl SpeedPoint {
     /// control step.
     pub(crate) fn new(
         series: Series,
-        envs: u32,
+        envs: Amount,
         totals: &Totals,
         process: Duration,
         cores: Cores,
@@ -93,15 +99,19 @@ impl SpeedPoint {
         let sim = totals.sim();
         let (rate, bound) = (fps.env_steps_per_s?, fps.bound?);
         let overhead_s = (fps.process_wall_s - fps.wall_s).max(0.0);
-        let batch = f64::from(envs) * PAPER_STEPS;
+        let n_envs = envs.or_else(|| totals.choice.as_ref().map_or(0, |choice| choice.envs));
+        let batch = f64::from(n_envs) * PAPER_STEPS;
         let n = fps.env_steps as f64;
         let ledger = fps.ledger;
         Some(Self {
             series,
             envs,
+            n_envs,
             env_steps: fps.env_steps,
             wall_s: fps.wall_s,
             env_steps_per_s: rate,
+            rounds_env_steps_per_s: vec![rate],
+            peak_gflop: cores.peak_gflop,
             overhead_s,
             paper_fps: batch / (overhead_s + batch / rate),
             images_per_s: fps.images_per_s.unwrap_or(0.0),
@@ -125,9 +135,12 @@ impl SpeedPoint {
         })
     }
 
-    /// Returns the wall seconds of the paper's experiment: one batch of episodes, start-up included.
-    pub(crate) fn paper_elapsed_s(&self) -> f64 {
-        f64::from(self.envs) * PAPER_STEPS / self.paper_fps
+    /// Returns the number of envs, and that the program chose it.
+    pub(crate) fn envs_text(&self) -> String {
+        match self.envs {
+            Amount::Fixed(envs) => envs.to_string(),
+            Amount::Auto => format!("auto ({})", self.n_envs),
+        }
     }
 }
 
@@ -183,7 +196,8 @@ mod tests {
             },
         );
         let series = Series { policy: "act".to_owned(), mode: QueryMode::Chunk };
-        let point = SpeedPoint::new(series, 10, &totals, Duration::from_secs(3), CORES, 0).unwrap();
+        let point =
+            SpeedPoint::new(series, Amount::Fixed(10), &totals, Duration::from_secs(3), CORES, 0).unwrap();
         let parts = point.core_s_per_step;
         let sum = parts.physics + parts.render + parts.policy + parts.transport + parts.unused;
         assert!((sum - 2.0 / point.env_steps_per_s).abs() < 1e-12, "{parts:?}");
@@ -193,13 +207,13 @@ mod tests {
         );
         assert!((point.peak_fraction.unwrap() - 0.5).abs() < 1e-12, "{:?}", point.peak_fraction);
         // 10 episodes of 200 steps at 500 steps/s take 4 s, and start and end another second.
-        assert!((point.paper_elapsed_s() - 5.0).abs() < 1e-9);
         assert!((point.paper_fps - 400.0).abs() < 1e-9);
     }
 
     #[test]
     fn run_without_a_step_has_no_figures() {
         let series = Series { policy: "act".to_owned(), mode: QueryMode::Chunk };
-        assert_eq!(SpeedPoint::new(series, 1, &Totals::default(), Duration::from_secs(1), CORES, 0), None);
+        let envs = Amount::Fixed(1);
+        assert_eq!(SpeedPoint::new(series, envs, &Totals::default(), Duration::from_secs(1), CORES, 0), None);
     }
 }

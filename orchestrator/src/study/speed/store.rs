@@ -8,9 +8,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use thiserror::Error;
 
+use crate::study::speed::plan::PlannedPoint;
 use crate::study::speed::point::SpeedPoint;
 
-/// Name of the file in the output folder: the settings, then one point per line.
+/// Name of the file in the output folder: the settings, then one measurement of a point per line.
 const FILE: &str = "points.jsonl";
 
 /// Everything that points of one folder have in common.
@@ -18,7 +19,7 @@ const FILE: &str = "points.jsonl";
 pub(crate) struct SpeedSettings {
     /// Version of this program.
     pub(crate) version: String,
-    pub(crate) task: String,
+    pub(crate) tasks: Vec<String>,
     /// Seconds of evaluation per point.
     pub(crate) seconds: u32,
     /// Specs and checkpoint hashes of the policies, by name.
@@ -29,11 +30,11 @@ pub(crate) struct SpeedSettings {
     pub(crate) machine: Value,
 }
 
-/// The points that are finished.
+/// The measurements that are finished, one per point and round.
 #[derive(Debug)]
 pub(crate) struct PointStore {
     file: File,
-    pub(crate) points: Vec<SpeedPoint>,
+    pub(crate) measured: Vec<SpeedPoint>,
 }
 
 /// Errors that can occur while opening a folder of points.
@@ -71,31 +72,52 @@ impl PointStore {
             let path = path.clone();
             move |source| PointStoreError::Line { path, line, expected, source }
         };
-        let mut points = Vec::new();
+        let mut measured = Vec::new();
         for (idx, line) in lines.iter().enumerate() {
             if idx == 0 {
                 let found = serde_json::from_str(line).map_err(line_error(1, "settings as JSON"))?;
                 check(&found, settings, &path)?;
             } else {
                 match serde_json::from_str(line).map_err(line_error(idx + 1, "a point as JSON")) {
-                    Ok(point) => points.push(point),
+                    Ok(point) => measured.push(point),
                     // The last line is incomplete if the program was killed while it wrote.
                     Err(_) if idx + 1 == lines.len() => truncate_last(&file, &lines).map_err(access)?,
                     Err(error) => return Err(error),
                 }
             }
         }
-        Ok(Self { file, points })
+        Ok(Self { file, measured })
     }
 
-    /// Stores a point.
+    /// Stores the measurement of a point.
     ///
     /// # Errors
     /// If it cannot be written.
     pub(crate) fn add(&mut self, point: SpeedPoint) -> io::Result<()> {
         append(&mut self.file, &point)?;
-        self.points.push(point);
+        self.measured.push(point);
         Ok(())
+    }
+
+    /// Returns how often a point was measured.
+    pub(crate) fn n_rounds(&self, point: &PlannedPoint) -> usize {
+        self.measured.iter().filter(|one| (&one.series, one.envs) == (&point.series, point.envs)).count()
+    }
+
+    /// Returns the median measurement of every point, series by series and with ascending envs.
+    pub(crate) fn points(&self) -> Vec<SpeedPoint> {
+        let mut all: Vec<_> = self.measured.iter().collect();
+        let position = |point: &SpeedPoint| self.measured.iter().position(|one| one.series == point.series);
+        all.sort_by(|a, b| {
+            let places = (position(a), a.envs).cmp(&(position(b), b.envs));
+            places.then(a.env_steps_per_s.total_cmp(&b.env_steps_per_s))
+        });
+        let rounds = all.chunk_by(|a, b| (&a.series, a.envs) == (&b.series, b.envs));
+        let median = |rounds: &[&SpeedPoint]| SpeedPoint {
+            rounds_env_steps_per_s: rounds.iter().map(|round| round.env_steps_per_s).collect(),
+            ..rounds[rounds.len() / 2].clone()
+        };
+        rounds.map(median).collect()
     }
 }
 
@@ -126,7 +148,7 @@ fn check(found: &SpeedSettings, expected: &SpeedSettings, path: &Path) -> Result
 mod tests {
     use std::time::Duration;
 
-    use run_config::QueryMode;
+    use run_config::{Amount, QueryMode};
     use serde_json::json;
     use sim::serve::protocol::Counters;
 
@@ -137,7 +159,7 @@ mod tests {
     fn settings(seconds: u32) -> SpeedSettings {
         SpeedSettings {
             version: "1".to_owned(),
-            task: "RaiseCube".to_owned(),
+            tasks: vec!["RaiseCube".to_owned()],
             seconds,
             policies: json!({}),
             options: json!({}),
@@ -145,14 +167,9 @@ mod tests {
         }
     }
 
-    fn point(envs: u32) -> SpeedPoint {
+    fn point(envs: Amount, env_steps: u64) -> SpeedPoint {
         let mut totals = Totals::new(0, None);
-        totals.on_sim_counters(Counters {
-            env_steps: 10,
-            wall_s: 1.0,
-            physics_s: 1.0,
-            ..Counters::default()
-        });
+        totals.on_sim_counters(Counters { env_steps, wall_s: 1.0, physics_s: 1.0, ..Counters::default() });
         let series = Series { policy: "idle".to_owned(), mode: QueryMode::Chunk };
         let cores = crate::study::machine::Cores { count: 2, n_threads: 2, peak_gflop: None };
         SpeedPoint::new(series, envs, &totals, Duration::from_secs(2), cores, 0).unwrap()
@@ -162,13 +179,29 @@ mod tests {
     fn only_torn_lines_are_lost() {
         let folder = tempfile::tempdir().unwrap();
         let mut store = PointStore::open(folder.path(), &settings(10)).unwrap();
-        store.add(point(1)).unwrap();
+        let [one, two] = [1, 2].map(|envs| point(Amount::Fixed(envs), 10));
+        store.add(one.clone()).unwrap();
         store.file.write_all(b"{\"policy\": \"id").unwrap();
         let mut store = PointStore::open(folder.path(), &settings(10)).unwrap();
-        assert_eq!(store.points, [point(1)]);
-        store.add(point(2)).unwrap();
+        assert_eq!(store.measured, std::slice::from_ref(&one));
+        store.add(two.clone()).unwrap();
         let store = PointStore::open(folder.path(), &settings(10)).unwrap();
-        assert_eq!(store.points, [point(1), point(2)]);
+        assert_eq!(store.measured, [one, two]);
+    }
+
+    #[test]
+    fn median_round_stands_for_a_point() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = PointStore::open(folder.path(), &settings(10)).unwrap();
+        for (envs, env_steps) in
+            [(Amount::Auto, 7), (Amount::Fixed(8), 5), (Amount::Fixed(8), 2), (Amount::Fixed(8), 3)]
+        {
+            store.add(point(envs, env_steps)).unwrap();
+        }
+        let points = store.points();
+        let rates = |point: &SpeedPoint| (point.envs, point.env_steps, point.rounds_env_steps_per_s.clone());
+        let expected = [(Amount::Fixed(8), 3, vec![2.0, 3.0, 5.0]), (Amount::Auto, 7, vec![7.0])];
+        assert_eq!(points.iter().map(rates).collect::<Vec<_>>(), expected);
     }
 
     #[test]

@@ -38,8 +38,8 @@ pub(crate) struct HardwareRow {
 pub(crate) struct FpsTable {
     /// Name of the simulator or policy.
     pub(crate) name: String,
-    /// (number of environments, frames per second).
-    pub(crate) points: Vec<(f64, f64)>,
+    /// Number of environments, frames per second.
+    pub(crate) points: Vec<[f64; 2]>,
 }
 
 /// Errors that can occur while reading a table.
@@ -94,10 +94,10 @@ impl FpsTable {
     /// If the file cannot be read, lacks a column, or has an invalid value.
     pub(crate) fn read(name: &str, path: &Path) -> Result<Self, TableError> {
         let rows = read_table(path, &["batch_size", "frames_per_second"], |values| {
-            Ok((number(values[0], 1.0, 1e9)?, number(values[1], 1e-6, 1e12)?))
+            Ok([number(values[0], 1.0, 1e9)?, number(values[1], 1e-6, 1e12)?])
         })?;
-        let mut points: Vec<(f64, f64)> = rows.into_iter().map(|(_, point)| point).collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut points: Vec<[f64; 2]> = rows.into_iter().map(|(_, point)| point).collect();
+        points.sort_by(|a, b| a[0].total_cmp(&b[0]));
         Ok(Self { name: name.to_owned(), points })
     }
 }

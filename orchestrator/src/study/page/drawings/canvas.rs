@@ -1,4 +1,7 @@
 //! Drawing of figures as SVG text, in pixels from the upper left corner.
+//!
+//! No crate of charts would replace it: `plotters` has neither rows with labels and notes nor forest plots, so
+//! these would still be drawn by hand, and `charming` draws in a browser or an embedded JavaScript engine.
 
 use std::fmt::{self, Display, Formatter, Write};
 
@@ -212,6 +215,13 @@ pub(crate) struct AxisRange<'a> {
     pub(crate) name: &'a str,
     pub(crate) values: [f64; 2],
     pub(crate) is_log: bool,
+}
+
+impl<'a> AxisRange<'a> {
+    /// Makes an axis from 0 to 100 %.
+    pub(crate) fn percent(name: &'a str) -> Self {
+        Self { name, values: [0.0, 100.0], is_log: false }
+    }
 }
 
 /// An axis: maps values to pixels.

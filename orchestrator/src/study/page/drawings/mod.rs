@@ -12,12 +12,12 @@ use sim::perturb::Modality;
 use sim::task::Category;
 
 use crate::study::analysis::{CellSummary, ComparedGroup, Comparison, ComparisonKind, mean, morphology_name};
+use crate::study::page::content::external::FpsTable;
 use crate::study::page::content::headlines::predicate_words;
 use crate::study::page::content::{FittedLine, HardwareFit, PolicyRole, PolicySummary, ReportContent};
-use crate::study::page::drawings::canvas::{Color, Figure, FigureLegend, INK, color};
+use crate::study::page::drawings::canvas::{AxisRange, Color, Figure, FigureLegend, INK, color};
 use crate::study::page::drawings::figures::{
-    Bar, BarGroup, ForestRow, FpsSeries, RadarSeries, Scatter, StackRow, StepCurve, bars, forest, fps_svgs,
-    radar, regression, stacks, success_over_time,
+    Curve, RadarSeries, Row, RowChart, RowGroup, chart, fps_svgs, radar, within_percent,
 };
 
 /// The modalities in the order of the paper's radar figure.
@@ -44,7 +44,7 @@ pub(crate) fn figures(report: &ReportContent) -> Vec<Figure> {
     ];
     let forests =
         report.comparisons.iter().enumerate().map(|(idx, comparison)| forest_figure(comparison, idx));
-    drawn.into_iter().flatten().chain(forests).collect()
+    drawn.into_iter().chain(forests).flatten().collect()
 }
 
 fn figure(id: &str, title: &str, caption: &str, svgs: [String; 2]) -> Option<Figure> {
@@ -87,12 +87,9 @@ fn radar_figure(report: &ReportContent) -> Option<Figure> {
             });
         }
     }
-    if series.is_empty() {
-        return None;
-    }
     let caption = "Mean success in percent under the perturbations of language (L), vision (V) and action (A): the mean over \
                    perturbations of the mean over all tasks.";
-    figure("radar", "Success under perturbations", caption, radar(&series))
+    figure("radar", "Success under perturbations", caption, radar(&series)?)
 }
 
 /// Returns the policies over whose cells means may be taken, with each robot that they moved.
@@ -133,19 +130,18 @@ fn change_figure(report: &ReportContent, morphology: Morphology) -> Option<Figur
         let estimate = &group.estimate;
         let (value, interval) = (100.0 * estimate.mean, estimate.interval.map(|bound| 100.0 * bound));
         let note = format!("{value:+.1} [{:+.0}, {:+.0}], n {}", interval[0], interval[1], group.n);
-        Some(Bar { value, interval: Some(interval), note, color })
+        Some(Row::bar(value, Some(interval), color, note))
     };
-    let groups: Vec<BarGroup> = names
+    let groups: Vec<RowGroup> = names
         .into_iter()
-        .map(|name| BarGroup {
-            bars: policies.iter().filter_map(|(color, policy)| bar(policy, *color, name)).collect(),
+        .map(|name| RowGroup {
+            rows: policies.iter().filter_map(|(color, policy)| bar(policy, *color, name)).collect(),
             label: name.to_owned(),
         })
         .collect();
-    if groups.is_empty() {
-        return None;
-    }
-    let svgs = bars(&groups, &legend(&policies), range_of(&groups));
+    let (low, high) = extent(&groups);
+    let range = [(low.min(-10.0) / 10.0).floor() * 10.0, (high.max(5.0) / 10.0).ceil() * 10.0];
+    let svgs = RowChart { legend: legend(&policies), range, unit: "", sides: None }.draw(&groups)?;
     let caption = "Mean change against the policy's own unperturbed twins in percentage points, over the tasks with at least 10 % \
                    unperturbed success, with intervals; vision, language and action: over their perturbations that were run, each \
                    with the same weight.";
@@ -154,17 +150,12 @@ fn change_figure(report: &ReportContent, morphology: Morphology) -> Option<Figur
     figure(&id, &format!("Change under perturbations, {name}"), caption, svgs)
 }
 
-/// Returns a range of percentage points around zero that contains all bars.
-fn range_of(groups: &[BarGroup]) -> [f64; 2] {
-    let values = || {
-        let bars = groups.iter().flat_map(|group| &group.bars);
-        bars.flat_map(|bar| {
-            [bar.value, bar.interval.map_or(bar.value, |i| i[0]), bar.interval.map_or(bar.value, |i| i[1])]
-        })
-    };
-    let low = values().fold(-10.0, f64::min);
-    let high = values().fold(5.0, f64::max);
-    [(low / 10.0).floor() * 10.0, (high / 10.0).ceil() * 10.0]
+/// Returns the least and the largest value of bars and intervals, zero included.
+fn extent(groups: &[RowGroup]) -> (f64, f64) {
+    let values =
+        |row: &Row| row.bars.iter().map(|bar| bar.0).chain(row.interval).flatten().collect::<Vec<_>>();
+    let all = groups.iter().flat_map(|group| &group.rows).flat_map(values);
+    all.fold((0.0, 0.0), |(low, high), value| (value.min(low), value.max(high)))
 }
 
 /// Draws the unperturbed success of each policy in descending order, as the paper does.
@@ -173,28 +164,29 @@ fn waterfall(report: &ReportContent, morphology: Morphology) -> Option<Figure> {
     let of_policy = |(color, policy): &(Color, &PolicySummary)| {
         let own = of_morphology(report, &policy.name, morphology).into_iter();
         let own = own.filter(|cell| cell.condition.perturbation == Perturbation::None.into());
-        let color = *color;
-        let bar = move |cell: &CellSummary| {
+        let bar = |cell: &CellSummary| {
             let value = 100.0 * cell.rate.fraction()?;
             let interval = cell.interval?.map(|bound| 100.0 * bound);
             let note = format!("{value:.1} [{:.0}, {:.0}], n {}", interval[0], interval[1], cell.rate.n);
-            let bars = vec![Bar { value, interval: Some(interval), note, color }];
-            Some(BarGroup { label: cell.condition.task.name().to_owned(), bars })
+            let rows = vec![Row::bar(value, Some(interval), *color, note)];
+            Some((value, RowGroup { label: cell.condition.task.name().to_owned(), rows }))
         };
-        let mut groups: Vec<BarGroup> = own.filter_map(bar).collect();
-        groups.sort_by(|a, b| b.bars[0].value.total_cmp(&a.bars[0].value));
-        groups
+        let mut groups: Vec<(f64, RowGroup)> = own.filter_map(bar).collect();
+        groups.sort_by(|a, b| b.0.total_cmp(&a.0));
+        groups.into_iter().map(|(_, group)| group)
     };
-    let groups: Vec<BarGroup> = policies.iter().flat_map(of_policy).collect();
-    if groups.is_empty() {
-        return None;
-    }
+    let groups: Vec<RowGroup> = policies.iter().flat_map(of_policy).collect();
     let name = morphology_name(morphology);
-    let svgs = bars(&groups, &legend(&policies), [0.0, 100.0]);
+    let svgs = success_bars(&policies, &groups)?;
     let caption =
         "Unperturbed success in percent with intervals: each policy's tasks from its best to its worst.";
     let id = format!("waterfall-{}", name.replace(' ', "-"));
     figure(&id, &format!("Unperturbed success, {name}"), caption, svgs)
+}
+
+/// Draws bars of success in percent.
+fn success_bars(policies: &[(Color, &PolicySummary)], groups: &[RowGroup]) -> Option<[String; 2]> {
+    RowChart { legend: legend(policies), range: [0.0, 100.0], unit: "", sides: None }.draw(groups)
 }
 
 fn category_figure(report: &ReportContent) -> Option<Figure> {
@@ -216,21 +208,18 @@ fn category_figure(report: &ReportContent) -> Option<Figure> {
         let n: u32 = own.iter().map(|cell| cell.rate.n).sum();
         mean(own.iter().filter_map(|cell| cell.rate.fraction())).map(|mean| (100.0 * mean, n))
     };
-    let group = |key: &(Morphology, Category)| BarGroup {
+    let group = |key: &(Morphology, Category)| RowGroup {
         label: format!("{}, {}", key.1.name(), morphology_name(key.0)),
-        bars: policies
+        rows: policies
             .iter()
             .filter_map(|(color, policy)| {
                 let (value, n) = value(&policy.name, *key)?;
-                Some(Bar { value, interval: None, note: format!("{value:.1}, n {n}"), color: *color })
+                Some(Row::bar(value, None, *color, format!("{value:.1}, n {n}")))
             })
             .collect(),
     };
-    let groups: Vec<BarGroup> = groups.iter().map(group).filter(|group| !group.bars.is_empty()).collect();
-    if groups.is_empty() {
-        return None;
-    }
-    let svgs = bars(&groups, &legend(&policies), [0.0, 100.0]);
+    let groups: Vec<RowGroup> = groups.iter().map(group).filter(|group| !group.rows.is_empty()).collect();
+    let svgs = success_bars(&policies, &groups)?;
     let caption = "Unperturbed success in percent, the mean over the tasks of a category that were run.";
     figure("categories", "Success by category", caption, svgs)
 }
@@ -249,7 +238,14 @@ fn time_to_success(report: &ReportContent) -> Option<Figure> {
             n_episodes += cell.rate.n;
         }
         times.sort_by(f64::total_cmp);
-        StepCurve { name: policy.name.clone(), times, n_episodes, color }
+        let name = format!("{} ({} of {n_episodes})", policy.name, times.len());
+        (n_episodes > 0).then(|| Curve {
+            name,
+            color,
+            line: staircase(&times, n_episodes),
+            dots: Vec::new(),
+            mark: None,
+        })
     };
     let mut shown = policies_with_means(report);
     shown.extend(
@@ -259,12 +255,20 @@ fn time_to_success(report: &ReportContent) -> Option<Figure> {
             .filter(|policy| policy.role == PolicyRole::Ceiling && !policy.ended_early)
             .map(|policy| (INK, policy)),
     );
-    let curves: Vec<StepCurve> = shown.into_iter().map(curve).filter(|curve| curve.n_episodes > 0).collect();
-    if curves.is_empty() {
-        return None;
-    }
+    let curves: Vec<Curve> = shown.into_iter().filter_map(curve).collect();
+    let axes = ["control step, % of the horizon", "episodes that have succeeded, %"].map(AxisRange::percent);
     let caption = "Share of all unperturbed episodes that have succeeded by each part of their horizon.";
-    figure("time-to-success", "Time to success", caption, success_over_time(&curves))
+    figure("time-to-success", "Time to success", caption, chart(axes, &curves)?)
+}
+
+/// Returns the line of the share of episodes, in percent, that have succeeded by each part of their horizon.
+/// Of many steps, it has at most about a thousand points.
+fn staircase(times: &[f64], n_episodes: u32) -> Vec<[f64; 2]> {
+    let share = |n: usize| 100.0 * n as f64 / f64::from(n_episodes);
+    let steps = times.iter().enumerate();
+    let corners = steps.flat_map(|(n, time)| [n, n + 1].map(|n| [100.0 * time, share(n)]));
+    let corners = corners.step_by((2 * times.len()).div_ceil(1000).max(1));
+    [[0.0, 0.0]].into_iter().chain(corners).chain([[100.0, share(times.len())]]).collect()
 }
 
 fn failed_predicates(report: &ReportContent) -> Option<Figure> {
@@ -291,11 +295,27 @@ fn failed_predicates(report: &ReportContent) -> Option<Figure> {
         let all: u32 = report.cells_of(&policy.name).flat_map(|cell| cell.failed_predicates.values()).sum();
         let mut parts: Vec<f64> = names.iter().map(|name| f64::from(count(name))).collect();
         parts.push(f64::from(all) - parts.iter().sum::<f64>());
-        StackRow { label: policy.name.clone(), parts, note: format!("{all} failures") }
+        stack(policy, &parts, &legend, format!("{all} failures"))
     };
-    let rows: Vec<StackRow> = policies.iter().map(|(_, policy)| row(policy)).collect();
+    let rows: Vec<RowGroup> = policies.iter().map(|(_, policy)| row(policy)).collect();
     let caption = "Failed episodes by the first predicate that did not hold at the end, over all cells.";
-    figure("failed-predicates", "Where episodes fail", caption, stacks(&rows, &legend, ""))
+    figure("failed-predicates", "Where episodes fail", caption, stacks(&rows, &legend, "")?)
+}
+
+/// Returns a row of parts in the colours of a legend, one beside the other.
+fn stack(policy: &PolicySummary, parts: &[f64], legend: &FigureLegend, note: String) -> RowGroup {
+    let bars = parts.iter().zip(legend).scan(0.0, |end, (part, (_, color))| {
+        let start = *end;
+        *end += part;
+        Some(([start, *end], *color))
+    });
+    let row = Row { bars: bars.collect(), ..Row::bar(0.0, None, INK, note) };
+    RowGroup { label: policy.name.clone(), rows: vec![row] }
+}
+
+fn stacks(rows: &[RowGroup], legend: &FigureLegend, unit: &'static str) -> Option<[String; 2]> {
+    let range = [0.0, extent(rows).1.max(1e-9)];
+    RowChart { legend: legend.clone(), range, unit, sides: None }.draw(rows)
 }
 
 fn time_figure(report: &ReportContent) -> Option<Figure> {
@@ -308,27 +328,22 @@ fn time_figure(report: &ReportContent) -> Option<Figure> {
         for cell in report.cells_of(&policy.name) {
             sums.iter_mut().zip(cell.times_s).for_each(|(sum, seconds)| *sum += seconds);
         }
-        let parts = sums.map(|seconds| 1e3 * seconds / steps.max(1) as f64).to_vec();
+        let parts = sums.map(|seconds| 1e3 * seconds / steps.max(1) as f64);
         let total: f64 = parts.iter().sum();
-        StackRow { label: policy.name.clone(), parts, note: format!("{total:.2} ms") }
+        stack(policy, &parts, &legend, format!("{total:.2} ms"))
     };
-    let rows: Vec<StackRow> = report.policies.iter().map(row).collect();
+    let rows: Vec<RowGroup> = report.policies.iter().map(row).collect();
     let caption = "Wall milliseconds of an episode per control step while others run beside it: time in physics and rendering, \
                    from query to answer, and waiting for a core or a batch.";
-    figure("time", "Where the time went", caption, stacks(&rows, &legend, " ms"))
+    figure("time", "Where the time went", caption, stacks(&rows, &legend, " ms")?)
 }
 
 fn hardware_figure(report: &ReportContent) -> Option<Figure> {
-    let series = |fit: &HardwareFit| Scatter {
-        name: fit.policy.clone(),
-        points: fit.points.clone(),
-        line: fit.line,
-        color: color(report.policy_idx(&fit.policy)),
+    let curve = |fit: &&HardwareFit| Curve {
+        line: fit.line.map_or_else(Vec::new, within_percent),
+        ..Curve::joined(report.policy_idx(&fit.policy), fit.policy.clone(), fit.points.clone())
     };
     let whole: Vec<&HardwareFit> = report.hardware.iter().filter(|fit| fit.task.is_none()).collect();
-    if whole.is_empty() {
-        return None;
-    }
     let fitted = |fit: &&HardwareFit| match &fit.line {
         Some(FittedLine { slope, offset, r_squared }) => format!(
             "{}: sim = {slope:.2} · hardware {offset:+.1}, R² = {}",
@@ -341,60 +356,48 @@ fn hardware_figure(report: &ReportContent) -> Option<Figure> {
         "Each point is a task under a perturbation, with the least-squares line of each policy. {}.",
         whole.iter().map(fitted).collect::<Vec<_>>().join("; ")
     );
-    let svgs = regression(&whole.into_iter().map(series).collect::<Vec<_>>());
+    let axes = ["success on hardware, %", "success in simulation, %"].map(AxisRange::percent);
+    let svgs = chart(axes, &whole.iter().map(curve).collect::<Vec<_>>())?;
     figure("hardware", "Simulation against hardware", &caption, svgs)
 }
 
 fn fps_figure(report: &ReportContent) -> Option<Figure> {
-    let series: Vec<FpsSeries> = report
-        .external
-        .fps
-        .iter()
-        .map(|table| FpsSeries { name: table.name.clone(), points: table.points.clone() })
-        .collect();
-    if series.is_empty() {
-        return None;
-    }
+    let curve =
+        |(idx, table): (usize, &FpsTable)| Curve::joined(idx, table.name.clone(), table.points.clone());
+    let curves: Vec<Curve> = report.external.fps.iter().enumerate().map(curve).collect();
     let caption = "Frames per second by number of environments, both axes logarithmic.";
-    figure("fps", "Frames per second", caption, fps_svgs(&series))
+    figure("fps", "Frames per second", caption, fps_svgs(&curves)?)
 }
 
-fn forest_figure(comparison: &Comparison, idx: usize) -> Figure {
-    let shade = |is_decided: bool, difference: f64| match (is_decided, difference > 0.0) {
-        (false, _) => Color(120, 128, 138),
-        (true, true) => color(0),
-        (true, false) => color(5),
+fn forest_figure(comparison: &Comparison, idx: usize) -> Option<Figure> {
+    let row = |label: String, difference: f64, interval: [f64; 2], n: u32, adjusted_p: f64, is_mean: bool| {
+        let (dot, [low, high]) = (100.0 * difference, interval.map(|bound| 100.0 * bound));
+        let note = format!("{dot:+.1} [{low:+.1}, {high:+.1}]");
+        let (interval, dot) = (Some([low, high]), Some(dot));
+        let color = match (adjusted_p <= comparison.levels.alpha, difference > 0.0) {
+            (false, _) => Color(120, 128, 138),
+            (true, true) => color(0),
+            (true, false) => color(5),
+        };
+        let rows = vec![Row { bars: Vec::new(), interval, dot, color, is_mean, note }];
+        RowGroup { label: format!("{label}, n {n}"), rows }
     };
-    let percent = |pair: [f64; 2]| pair.map(|bound| 100.0 * bound);
-    let alpha = comparison.levels.alpha;
-    let cell = |cell: &crate::study::analysis::ComparedCell| ForestRow {
-        label: format!("{} · {}", cell.condition.task.name(), cell.condition.perturbation.name()),
-        difference: 100.0 * cell.difference,
-        interval: percent(cell.interval),
-        n: cell.n,
-        color: shade(cell.adjusted_p <= alpha, cell.difference),
-        is_mean: false,
-    };
-    let mut rows: Vec<ForestRow> = Vec::new();
-    if comparison.cells.len() <= MAX_FOREST_CELLS {
-        rows.extend(comparison.cells.iter().map(cell));
-    }
-    rows.extend(comparison.groups.iter().map(|group| ForestRow {
-        label: format!("mean: {}", group.group),
-        difference: 100.0 * group.estimate.mean,
-        interval: percent(group.estimate.interval),
-        n: group.n,
-        color: shade(group.adjusted_p <= alpha, group.estimate.mean),
-        is_mean: true,
-    }));
+    let shown = comparison.cells.iter().filter(|_| comparison.cells.len() <= MAX_FOREST_CELLS);
+    let cells = shown.map(|cell| {
+        let label = format!("{} · {}", cell.condition.task.name(), cell.condition.perturbation.name());
+        row(label, cell.difference, cell.interval, cell.n, cell.adjusted_p, false)
+    });
+    let means = comparison.groups.iter().map(|group| {
+        let (label, estimate) = (format!("mean: {}", group.group), &group.estimate);
+        row(label, estimate.mean, estimate.interval, group.n, group.adjusted_p, true)
+    });
+    let groups: Vec<RowGroup> = cells.chain(means).collect();
+    let (low, high) = extent(&groups);
+    let limit = ((high.max(-low).max(10.0) / 10.0).ceil() * 10.0).min(100.0);
     let [a, b] = comparison.sides.short_names();
-    let svgs = forest(&rows, [a, b], 100.0 * comparison.levels.margin);
-    Figure {
-        id: format!("forest-{idx}"),
-        title: format!("{a} against {b}"),
-        caption: "Difference of success in percentage points on matched episodes, with intervals; coloured where decided after \
-                  Holm's correction. The margin is shaded."
-            .to_owned(),
-        svgs,
-    }
+    let sides = Some(([a, b], 100.0 * comparison.levels.margin));
+    let svgs = RowChart { legend: Vec::new(), range: [-limit, limit], unit: "", sides }.draw(&groups)?;
+    let caption = "Difference of success in percentage points on matched episodes, with intervals; coloured where decided after \
+                   Holm's correction. The margin is shaded.";
+    figure(&format!("forest-{idx}"), &format!("{a} against {b}"), caption, svgs)
 }

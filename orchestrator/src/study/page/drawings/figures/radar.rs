@@ -1,6 +1,6 @@
 //! Radar chart of the paper: mean success under perturbations of language, vision and action.
 
-use crate::study::page::drawings::canvas::{Color, GRID, TextAnchor, svgs};
+use crate::study::page::drawings::canvas::{Canvas, Color, GRID, TextAnchor, svgs};
 
 /// The corners of one series in percent: language (top), vision, action, clockwise.
 pub(crate) struct RadarSeries {
@@ -13,9 +13,9 @@ pub(crate) struct RadarSeries {
 
 const AXES: [&str; 3] = ["language", "vision", "action"];
 
-/// Draws the series over rings at 25, 50, 75 and 100 %.
-pub(crate) fn radar(series: &[RadarSeries]) -> [String; 2] {
-    svgs(|canvas| {
+/// Draws the series over rings at 25, 50, 75 and 100 %; `None` without any.
+pub(crate) fn radar(series: &[RadarSeries]) -> Option<[String; 2]> {
+    let draw = |canvas: &mut Canvas| {
         let is_narrow = canvas.is_narrow();
         let radius = if is_narrow { 110.0 } else { 190.0 };
         let centre = [if is_narrow { canvas.width / 2.0 } else { 300.0 }, radius + 40.0];
@@ -53,5 +53,6 @@ pub(crate) fn radar(series: &[RadarSeries]) -> [String; 2] {
             canvas.text([left + 32.0, y], &values, TextAnchor::Start);
         }
         below.max(top + 22.0 * series.len() as f64)
-    })
+    };
+    (!series.is_empty()).then(|| svgs(draw))
 }
