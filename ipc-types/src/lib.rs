@@ -22,4 +22,4 @@ mod os_error;
 pub use frame::{ActionHeader, ActionView, FrameError, ObservationHeader, ObservationView};
 pub use layout::{ActionBlock, EXTERNAL_SIDE, EnvRecord, HAND_SIDE, Page, SCHEMA_HASH};
 pub use morphology::{ControlMode, Morphology};
-pub use os_error::{remedy, is_refusal};
+pub use os_error::{is_refusal, remedy};

@@ -5,7 +5,7 @@ use std::fmt;
 use std::process::ExitCode;
 
 use ipc_types::link::LinkError;
-use ipc_types::{remedy, is_refusal};
+use ipc_types::{is_refusal, remedy};
 use run_config::error_chain;
 
 use crate::console::output::OutputError;

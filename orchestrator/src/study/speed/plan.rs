@@ -98,7 +98,7 @@ impl SpeedPlan {
                 .map(|&task| Condition { task, perturbation: Perturbation::None.into() })
                 .collect(),
             // More than any machine finishes in the time of a point.
-            episodes: envs.or_else(|| MAX_ENVS) + 2000 * self.seconds,
+            episodes: envs.unwrap_or_else(|| MAX_ENVS) + 2000 * self.seconds,
             config,
             db: PathBuf::new(),
             stopping: None,

@@ -99,7 +99,7 @@ impl SpeedPoint {
         let sim = totals.sim();
         let (rate, bound) = (fps.env_steps_per_s?, fps.bound?);
         let overhead_s = (fps.process_wall_s - fps.wall_s).max(0.0);
-        let n_envs = envs.or_else(|| totals.choice.as_ref().map_or(0, |choice| choice.envs));
+        let n_envs = envs.unwrap_or_else(|| totals.choice.as_ref().map_or(0, |choice| choice.envs));
         let batch = f64::from(n_envs) * PAPER_STEPS;
         let n = fps.env_steps as f64;
         let ledger = fps.ledger;
