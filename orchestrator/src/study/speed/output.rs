@@ -14,9 +14,9 @@ use crate::study::speed::store::SpeedSettings;
 const EXTRAPOLATED_EPISODES: f64 = 17.0 * 20.0;
 
 /// A column of the table: its name, and its text for a point.
-type Column = (&'static str, fn(&SpeedPoint) -> String);
+type TableColumn = (&'static str, fn(&SpeedPoint) -> String);
 
-const COLUMNS: [Column; 20] = [
+const COLUMNS: [TableColumn; 20] = [
     ("policy", |point| point.series.policy.clone()),
     ("mode", |point| point.series.mode_name().to_owned()),
     ("envs", SpeedPoint::envs_text),

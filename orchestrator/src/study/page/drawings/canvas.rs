@@ -1,7 +1,7 @@
 //! Drawing of figures as SVG text, in pixels from the upper left corner.
 //!
-//! No crate of charts would replace it: `plotters` has neither rows with labels and notes nor forest plots, so
-//! these would still be drawn by hand, and `charming` draws in a browser or an embedded JavaScript engine.
+//! No crate of charts would replace it: `plotters` has neither rows with labels and notes nor forest plots,
+//! and `charming` draws in a browser or an embedded JavaScript engine.
 
 use std::fmt::{self, Display, Formatter, Write};
 

@@ -17,7 +17,7 @@ use crate::study::page::content::headlines::predicate_words;
 use crate::study::page::content::{FittedLine, HardwareFit, PolicyRole, PolicySummary, ReportContent};
 use crate::study::page::drawings::canvas::{AxisRange, Color, Figure, FigureLegend, INK, color};
 use crate::study::page::drawings::figures::{
-    Curve, RadarSeries, Row, RowChart, RowGroup, chart, fps_svgs, radar, within_percent,
+    ChartRow, ChartRowGroup, Curve, RadarSeries, RowChart, chart, fps_svgs, radar, within_percent,
 };
 
 /// The modalities in the order of the paper's radar figure.
@@ -130,11 +130,11 @@ fn change_figure(report: &ReportContent, morphology: Morphology) -> Option<Figur
         let estimate = &group.estimate;
         let (value, interval) = (100.0 * estimate.mean, estimate.interval.map(|bound| 100.0 * bound));
         let note = format!("{value:+.1} [{:+.0}, {:+.0}], n {}", interval[0], interval[1], group.n);
-        Some(Row::bar(value, Some(interval), color, note))
+        Some(ChartRow::bar(value, Some(interval), color, note))
     };
-    let groups: Vec<RowGroup> = names
+    let groups: Vec<ChartRowGroup> = names
         .into_iter()
-        .map(|name| RowGroup {
+        .map(|name| ChartRowGroup {
             rows: policies.iter().filter_map(|(color, policy)| bar(policy, *color, name)).collect(),
             label: name.to_owned(),
         })
@@ -151,9 +151,9 @@ fn change_figure(report: &ReportContent, morphology: Morphology) -> Option<Figur
 }
 
 /// Returns the least and the largest value of bars and intervals, zero included.
-fn extent(groups: &[RowGroup]) -> (f64, f64) {
+fn extent(groups: &[ChartRowGroup]) -> (f64, f64) {
     let values =
-        |row: &Row| row.bars.iter().map(|bar| bar.0).chain(row.interval).flatten().collect::<Vec<_>>();
+        |row: &ChartRow| row.bars.iter().map(|bar| bar.0).chain(row.interval).flatten().collect::<Vec<_>>();
     let all = groups.iter().flat_map(|group| &group.rows).flat_map(values);
     all.fold((0.0, 0.0), |(low, high), value| (value.min(low), value.max(high)))
 }
@@ -168,14 +168,14 @@ fn waterfall(report: &ReportContent, morphology: Morphology) -> Option<Figure> {
             let value = 100.0 * cell.rate.fraction()?;
             let interval = cell.interval?.map(|bound| 100.0 * bound);
             let note = format!("{value:.1} [{:.0}, {:.0}], n {}", interval[0], interval[1], cell.rate.n);
-            let rows = vec![Row::bar(value, Some(interval), *color, note)];
-            Some((value, RowGroup { label: cell.condition.task.name().to_owned(), rows }))
+            let rows = vec![ChartRow::bar(value, Some(interval), *color, note)];
+            Some((value, ChartRowGroup { label: cell.condition.task.name().to_owned(), rows }))
         };
-        let mut groups: Vec<(f64, RowGroup)> = own.filter_map(bar).collect();
+        let mut groups: Vec<(f64, ChartRowGroup)> = own.filter_map(bar).collect();
         groups.sort_by(|a, b| b.0.total_cmp(&a.0));
         groups.into_iter().map(|(_, group)| group)
     };
-    let groups: Vec<RowGroup> = policies.iter().flat_map(of_policy).collect();
+    let groups: Vec<ChartRowGroup> = policies.iter().flat_map(of_policy).collect();
     let name = morphology_name(morphology);
     let svgs = success_bars(&policies, &groups)?;
     let caption =
@@ -185,7 +185,7 @@ fn waterfall(report: &ReportContent, morphology: Morphology) -> Option<Figure> {
 }
 
 /// Draws bars of success in percent.
-fn success_bars(policies: &[(Color, &PolicySummary)], groups: &[RowGroup]) -> Option<[String; 2]> {
+fn success_bars(policies: &[(Color, &PolicySummary)], groups: &[ChartRowGroup]) -> Option<[String; 2]> {
     RowChart { legend: legend(policies), range: [0.0, 100.0], unit: "", sides: None }.draw(groups)
 }
 
@@ -208,17 +208,18 @@ fn category_figure(report: &ReportContent) -> Option<Figure> {
         let n: u32 = own.iter().map(|cell| cell.rate.n).sum();
         mean(own.iter().filter_map(|cell| cell.rate.fraction())).map(|mean| (100.0 * mean, n))
     };
-    let group = |key: &(Morphology, Category)| RowGroup {
+    let group = |key: &(Morphology, Category)| ChartRowGroup {
         label: format!("{}, {}", key.1.name(), morphology_name(key.0)),
         rows: policies
             .iter()
             .filter_map(|(color, policy)| {
                 let (value, n) = value(&policy.name, *key)?;
-                Some(Row::bar(value, None, *color, format!("{value:.1}, n {n}")))
+                Some(ChartRow::bar(value, None, *color, format!("{value:.1}, n {n}")))
             })
             .collect(),
     };
-    let groups: Vec<RowGroup> = groups.iter().map(group).filter(|group| !group.rows.is_empty()).collect();
+    let groups: Vec<ChartRowGroup> =
+        groups.iter().map(group).filter(|group| !group.rows.is_empty()).collect();
     let svgs = success_bars(&policies, &groups)?;
     let caption = "Unperturbed success in percent, the mean over the tasks of a category that were run.";
     figure("categories", "Success by category", caption, svgs)
@@ -297,23 +298,23 @@ fn failed_predicates(report: &ReportContent) -> Option<Figure> {
         parts.push(f64::from(all) - parts.iter().sum::<f64>());
         stack(policy, &parts, &legend, format!("{all} failures"))
     };
-    let rows: Vec<RowGroup> = policies.iter().map(|(_, policy)| row(policy)).collect();
+    let rows: Vec<ChartRowGroup> = policies.iter().map(|(_, policy)| row(policy)).collect();
     let caption = "Failed episodes by the first predicate that did not hold at the end, over all cells.";
     figure("failed-predicates", "Where episodes fail", caption, stacks(&rows, &legend, "")?)
 }
 
 /// Returns a row of parts in the colours of a legend, one beside the other.
-fn stack(policy: &PolicySummary, parts: &[f64], legend: &FigureLegend, note: String) -> RowGroup {
+fn stack(policy: &PolicySummary, parts: &[f64], legend: &FigureLegend, note: String) -> ChartRowGroup {
     let bars = parts.iter().zip(legend).scan(0.0, |end, (part, (_, color))| {
         let start = *end;
         *end += part;
         Some(([start, *end], *color))
     });
-    let row = Row { bars: bars.collect(), ..Row::bar(0.0, None, INK, note) };
-    RowGroup { label: policy.name.clone(), rows: vec![row] }
+    let row = ChartRow { bars: bars.collect(), ..ChartRow::bar(0.0, None, INK, note) };
+    ChartRowGroup { label: policy.name.clone(), rows: vec![row] }
 }
 
-fn stacks(rows: &[RowGroup], legend: &FigureLegend, unit: &'static str) -> Option<[String; 2]> {
+fn stacks(rows: &[ChartRowGroup], legend: &FigureLegend, unit: &'static str) -> Option<[String; 2]> {
     let range = [0.0, extent(rows).1.max(1e-9)];
     RowChart { legend: legend.clone(), range, unit, sides: None }.draw(rows)
 }
@@ -332,7 +333,7 @@ fn time_figure(report: &ReportContent) -> Option<Figure> {
         let total: f64 = parts.iter().sum();
         stack(policy, &parts, &legend, format!("{total:.2} ms"))
     };
-    let rows: Vec<RowGroup> = report.policies.iter().map(row).collect();
+    let rows: Vec<ChartRowGroup> = report.policies.iter().map(row).collect();
     let caption = "Wall milliseconds of an episode per control step while others run beside it: time in physics and rendering, \
                    from query to answer, and waiting for a core or a batch.";
     figure("time", "Where the time went", caption, stacks(&rows, &legend, " ms")?)
@@ -379,8 +380,8 @@ fn forest_figure(comparison: &Comparison, idx: usize) -> Option<Figure> {
             (true, true) => color(0),
             (true, false) => color(5),
         };
-        let rows = vec![Row { bars: Vec::new(), interval, dot, color, is_mean, note }];
-        RowGroup { label: format!("{label}, n {n}"), rows }
+        let rows = vec![ChartRow { bars: Vec::new(), interval, dot, color, is_mean, note }];
+        ChartRowGroup { label: format!("{label}, n {n}"), rows }
     };
     let shown = comparison.cells.iter().filter(|_| comparison.cells.len() <= MAX_FOREST_CELLS);
     let cells = shown.map(|cell| {
@@ -391,7 +392,7 @@ fn forest_figure(comparison: &Comparison, idx: usize) -> Option<Figure> {
         let (label, estimate) = (format!("mean: {}", group.group), &group.estimate);
         row(label, estimate.mean, estimate.interval, group.n, group.adjusted_p, true)
     });
-    let groups: Vec<RowGroup> = cells.chain(means).collect();
+    let groups: Vec<ChartRowGroup> = cells.chain(means).collect();
     let (low, high) = extent(&groups);
     let limit = ((high.max(-low).max(10.0) / 10.0).ceil() * 10.0).min(100.0);
     let [a, b] = comparison.sides.short_names();

@@ -6,4 +6,4 @@ mod rows;
 
 pub(crate) use self::chart::{Curve, chart, fps_svgs, within_percent};
 pub(crate) use self::radar::{RadarSeries, radar};
-pub(crate) use self::rows::{Row, RowChart, RowGroup};
+pub(crate) use self::rows::{ChartRow, ChartRowGroup, RowChart};

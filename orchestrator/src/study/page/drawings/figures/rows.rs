@@ -17,13 +17,13 @@ pub(crate) struct RowChart<'a> {
 }
 
 /// Rows with a common label.
-pub(crate) struct RowGroup {
+pub(crate) struct ChartRowGroup {
     pub(crate) label: String,
-    pub(crate) rows: Vec<Row>,
+    pub(crate) rows: Vec<ChartRow>,
 }
 
 /// A row, in the unit of the axis.
-pub(crate) struct Row {
+pub(crate) struct ChartRow {
     /// Bars from a value to another.
     pub(crate) bars: Vec<([f64; 2], Color)>,
     pub(crate) interval: Option<[f64; 2]>,
@@ -41,7 +41,7 @@ const ROW: f64 = 16.0;
 /// Space between groups.
 const GAP: f64 = 6.0;
 
-impl Row {
+impl ChartRow {
     /// Makes a row of a single bar from zero.
     pub(crate) fn bar(value: f64, interval: Option<[f64; 2]>, color: Color, note: String) -> Self {
         Self { bars: vec![([0.0, value], color)], interval, dot: None, color: INK, is_mean: false, note }
@@ -65,11 +65,11 @@ impl Row {
 
 impl RowChart<'_> {
     /// Draws the groups below each other; `None` without any.
-    pub(crate) fn draw(&self, groups: &[RowGroup]) -> Option<[String; 2]> {
+    pub(crate) fn draw(&self, groups: &[ChartRowGroup]) -> Option<[String; 2]> {
         (!groups.is_empty()).then(|| svgs(|canvas| self.draw_on(canvas, groups)))
     }
 
-    fn draw_on(&self, canvas: &mut Canvas, groups: &[RowGroup]) -> f64 {
+    fn draw_on(&self, canvas: &mut Canvas, groups: &[ChartRowGroup]) -> f64 {
         let (is_narrow, width) = (canvas.is_narrow(), canvas.width);
         let labels = groups.iter().map(|group| &*group.label);
         let left = if is_narrow { NARROW_MARGIN } else { column_width(labels, 0.35 * width) };
@@ -77,7 +77,7 @@ impl RowChart<'_> {
         let right = width - column_width(notes, 0.5 * width);
         let axis = Axis::linear(self.range, [left, right]);
         let above = if is_narrow { ROW } else { 0.0 };
-        let height = |group: &RowGroup| above + ROW * group.rows.len() as f64 + GAP;
+        let height = |group: &ChartRowGroup| above + ROW * group.rows.len() as f64 + GAP;
         let top = canvas.legend(&self.legend);
         let bottom = top + groups.iter().map(height).sum::<f64>();
         if let Some((names, margin)) = self.sides {
@@ -94,7 +94,7 @@ impl RowChart<'_> {
         }
         canvas.grid(&axis, [top - 4.0, bottom], self.unit);
         let mut y = top;
-        let is_mean = |group: &RowGroup| group.rows.iter().any(|row| row.is_mean);
+        let is_mean = |group: &ChartRowGroup| group.rows.iter().any(|row| row.is_mean);
         for (idx, group) in groups.iter().enumerate() {
             if idx > 0 && is_mean(group) && !is_mean(&groups[idx - 1]) {
                 canvas.line(&[[MARGIN, y], [width - MARGIN, y]], GRID, 2.0, false);
