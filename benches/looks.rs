@@ -20,7 +20,7 @@ use benches::Report;
 use sim::physics::Parameters;
 use sim::render::{CpuRenderer, RenderScene};
 use sim::scene::{CameraSlot, Snapshot};
-use sim::show::contact_sheet;
+use sim::show::contact_sheet::{self, Panel};
 use sim::trajectory::{Start, TrajectoryFile};
 
 /// Side of the blocks whose means are compared, in pixels.
@@ -72,7 +72,9 @@ fn main() -> Result<()> {
     print_row(&format!("mean of {}", all.len()), Likeness::mean(&all));
     println!("largest block difference {worst:.1}");
     if let Some(path) = sheet {
-        contact_sheet::compose(&images, 6, 2).write_png(&path)?;
+        let panels: Vec<_> =
+            images.into_iter().map(|image| Panel { caption: String::new(), images: vec![image] }).collect();
+        contact_sheet::compose(&panels, 6, 2).write_png(&path)?;
     }
     report.finish()
 }

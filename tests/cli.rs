@@ -5,6 +5,7 @@
 use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::Path;
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use support::{act_tiny, finish, hypogeum, rows, run};
@@ -254,7 +255,7 @@ fn movie_has_one_frame_per_control_step() {
         dir.path().join(name)
     };
     let (size, n_png_frames) = png_size(&movie("x.png", &["--policy", "idle"]));
-    assert_eq!((size, n_png_frames), ([2 * 228 + 228 + 4, 228 + 4], n_frames));
+    assert_eq!((size, n_png_frames), ([2 * 228 + 228 + 4, 228 + 4 + 2 * 16], n_frames));
 
     let file = File::open(movie("x.gif", &["--what", "seg"])).unwrap();
     let mut decoder = gif::Decoder::new(file).unwrap();
@@ -269,6 +270,24 @@ fn movie_has_one_frame_per_control_step() {
         fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     left.sort();
     assert_eq!(left, ["x.gif", "x.png"]);
+}
+
+#[test]
+fn mp4_needs_ffmpeg() {
+    let dir = tempfile::tempdir().unwrap();
+    let movie = ["show", "RaiseCube", "--policy", "idle", "--camera", "1", "--movie", "x.mp4"];
+    let without =
+        finish(hypogeum(dir.path(), &movie).env("PATH", dir.path()).spawn().unwrap()).expect_code(2);
+    assert!(without.stderr.contains("apt install ffmpeg"), "{}", without.stderr);
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+    if Command::new("ffmpeg").arg("-version").output().is_err() {
+        return;
+    }
+    // The second run replaces the file, which it recognises as the program's own.
+    for _ in 0..2 {
+        let _ = run(dir.path(), &movie).expect_code(0);
+        assert_eq!(&fs::read(dir.path().join("x.mp4")).unwrap()[4..8], b"ftyp");
+    }
 }
 
 #[test]
@@ -294,7 +313,8 @@ fn show_rejects_invalid_options() {
         |more: &[&str], words| assert_rejected(dir.path(), &[&["show", "RaiseCube"], more].concat(), words);
     rejected(&["-o", "absent/x.png"], &["absent/x.png"]);
     rejected(&["--movie", "absent/x.gif"], &["absent/x.gif"]);
-    rejected(&["--movie", "x.mp4"], &["x.mp4", ".png, .apng, .gif"]);
+    rejected(&["--movie", "x.avi"], &["x.avi", ".png, .apng, .gif, .mp4"]);
+    rejected(&["--camera", "4"], &["RaiseCube has 3 cameras"]);
     rejected(&["--what", "deep"], &["deep", "depth"]);
     rejected(&["--policy", "random"], &["random", "expert", "idle"]);
     rejected(&["--episodes", "0"], &["--episodes", "1..=64"]);

@@ -23,8 +23,8 @@ const LARGE_FILES: [(&str, &str); 16] = [
     ("docs/example-report/index.html", "a self-contained report with all its figures"),
     ("docs/example-report/flip-2.gif", "a movie of the example report"),
     ("docs/images/first-light.gif", "the README's animation"),
-    ("docs/images/experts.jpg", "three images of each of 18 tasks"),
-    ("docs/images/gallery.png", "one image of each of the 28 tasks"),
+    ("docs/images/experts.jpg", "three images of each of the 28 tasks"),
+    ("docs/images/gallery.jpg", "one image of each of the 28 tasks"),
     ("docs/images/perturbations.png", "one row of images per perturbation"),
 ];
 /// Maximum number of files and folders in a folder of sources.

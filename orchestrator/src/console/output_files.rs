@@ -11,8 +11,8 @@ use sim::show::MARK;
 
 /// Name of the list of the files that this program has written to a folder.
 const LIST: &str = ".hypogeum-files";
-/// Bytes of a file in which its mark is.
-const HEAD: u64 = 4096;
+/// Bytes of a file in which its mark is; that of a video follows a table of its frames.
+const HEAD: u64 = 65_536;
 
 /// Permission to replace files that this program has not written.
 #[derive(Args, Clone, Copy, Debug, Default, PartialEq, Eq)]

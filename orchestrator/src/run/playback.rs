@@ -3,11 +3,15 @@
 use std::path::Path;
 
 use anyhow::Context;
+use rayon::prelude::*;
+use run_config::Samples;
 use sim::demo::Recording;
 use sim::render::{CpuOptions, CpuRenderer};
+use sim::show::HighResScene;
+use sim::show::contact_sheet::{self, Panel};
 use sim::show::movie::MovieFormat;
-use sim::show::{HighResScene, contact_sheet};
 
+use crate::console::exit::ExitStatus;
 use crate::run::movie;
 use crate::store::demos::StoredDataset;
 use crate::store::results::RecordedEpisodes;
@@ -37,21 +41,69 @@ impl EpisodeSource {
     }
 
     /// Executes the stored actions of an episode again.
-    pub(crate) fn replay(&self, episode_idx: usize) -> anyhow::Result<Recording> {
-        let StoredEpisode { subject, seed, mode, .. } = self.episodes()[episode_idx];
+    pub(crate) fn replay(&self, episode_idx: usize) -> anyhow::Result<ReplayedEpisode> {
+        let StoredEpisode { ref policy, subject, seed, mode, .. } = self.episodes()[episode_idx];
         let actions = match self {
             Self::Dataset(dataset) => dataset.actions(episode_idx),
             Self::Results(results) => results.actions(episode_idx),
         }?;
-        Recording::replay(subject, seed, mode, &actions)
-            .with_context(|| format!("failed to replay episode {episode_idx}"))
+        let recording = Recording::replay(subject, seed, mode, &actions)
+            .with_context(|| format!("failed to replay episode {episode_idx}"))?;
+        Ok(ReplayedEpisode { title: format!("{policy}: {}", subject.title()), recording })
     }
 }
 
-/// An episode that has been replayed, and how to render it.
-pub(crate) struct MovieEpisode {
+/// An episode that has been replayed, and the title of its caption.
+pub(crate) struct ReplayedEpisode {
+    pub(crate) title: String,
     pub(crate) recording: Recording,
-    pub(crate) scene: HighResScene,
+}
+
+/// Options of a movie of replayed episodes.
+pub(crate) struct MovieOptions {
+    /// Show the first external camera of every episode on a grid of so many columns, instead of all cameras
+    /// of the first.
+    pub(crate) grid: Option<usize>,
+    pub(crate) scale: usize,
+    pub(crate) samples: Samples,
+    /// Control steps per frame.
+    pub(crate) stride: u16,
+}
+
+/// Writes a movie of episodes. One that has ended keeps its last state.
+///
+/// # Errors
+/// If the movie cannot be written.
+pub(crate) fn write_movie(
+    path: &Path,
+    episodes: &[ReplayedEpisode],
+    options: &MovieOptions,
+) -> anyhow::Result<ExitStatus> {
+    let &MovieOptions { grid, scale, samples, stride } = options;
+    let format = MovieFormat::from_path(path)?;
+    let scenes: Vec<HighResScene> =
+        episodes.par_iter().map(|episode| HighResScene::new(episode.recording.scene(), scale)).collect();
+    let n_steps = episodes.iter().map(|episode| episode.recording.n_frames()).max().unwrap_or(0);
+    let options = CpuOptions { samples, ..CpuOptions::default() };
+    let mut renderer = CpuRenderer::with_options(rayon::current_num_threads(), options);
+    let mut panel = |episode: &ReplayedEpisode, scene: &HighResScene, step: usize| {
+        let ReplayedEpisode { title, recording } = episode;
+        let step = step.min(recording.n_frames());
+        let snapshot = recording.snapshot(step);
+        let images = match grid {
+            Some(_) => vec![scene.photograph_camera(&mut renderer, snapshot, 0)],
+            None => scene.photograph(&mut renderer, snapshot),
+        };
+        Panel { caption: format!("{title}\n{}", recording.outcome().after(step as u32)), images }
+    };
+    let n_shown = if grid.is_some() { episodes.len() } else { 1 };
+    let n_frames = n_steps.div_ceil(usize::from(stride)) + 1;
+    movie::write(path, format, n_frames, stride, |frame| {
+        let step = frame * usize::from(stride);
+        let shown = episodes.iter().zip(&scenes).take(n_shown);
+        let panels: Vec<Panel> = shown.map(|(episode, scene)| panel(episode, scene, step)).collect();
+        contact_sheet::compose(&panels, grid.unwrap_or(1), 1)
+    })
 }
 
 /// Control steps per frame of the movie of a flip.
@@ -74,22 +126,8 @@ pub(crate) fn write_flip_movie(flip: &Flip, path: &Path) -> anyhow::Result<()> {
         let position = position.with_context(|| format!("{} has changed", side.file.display()))?;
         source.replay(position)
     };
-    let recordings = flip.sides.iter().map(replay).collect::<anyhow::Result<Vec<_>>>()?;
-    let episode = |recording: Recording| {
-        let scene = HighResScene::new(recording.scene(), 1);
-        MovieEpisode { recording, scene }
-    };
-    let replayed: Vec<MovieEpisode> = recordings.into_iter().map(episode).collect();
-    let n_steps = replayed.iter().map(|episode| episode.recording.n_frames()).max().unwrap_or(0);
-    let stride = usize::from(FLIP_STRIDE);
-    let mut renderer = CpuRenderer::with_options(rayon::current_num_threads(), CpuOptions::default());
-    movie::write(path, MovieFormat::from_path(path)?, n_steps.div_ceil(stride), FLIP_STRIDE, |frame| {
-        let step = frame * stride;
-        let snapshot =
-            |it: &MovieEpisode| it.recording.snapshot(step.min(it.recording.n_frames() - 1)).clone();
-        let camera = |it: &MovieEpisode| it.scene.photograph_camera(&mut renderer, &snapshot(it), 0);
-        let images: Vec<(usize, Vec<u8>)> = replayed.iter().map(camera).collect();
-        contact_sheet::compose(&images, images.len(), 1)
-    })?;
-    Ok(())
+    let episodes = flip.sides.iter().map(replay).collect::<anyhow::Result<Vec<_>>>()?;
+    let options =
+        MovieOptions { grid: Some(episodes.len()), scale: 1, samples: Samples::One, stride: FLIP_STRIDE };
+    write_movie(path, &episodes, &options).map(drop)
 }

@@ -13,7 +13,7 @@ use crate::expert::{self, Expert, MotionPlanError};
 use crate::physics::fingerprint::Fingerprint;
 use crate::physics::{Parameters, World};
 use crate::predicate::{Predicate, first_unmet};
-use crate::show::EpisodeSpec;
+use crate::show::{EpisodeSpec, Outcome, snapshot};
 use crate::trajectory::Start;
 use scene::{Scene, Snapshot};
 
@@ -45,9 +45,10 @@ pub struct Recording {
     actions: Vec<f32>,
     /// Robot states before each action, `[n_frames, state_dim]`.
     states: Vec<f32>,
-    /// Poses before each action.
+    /// Poses before each action and after the last one, `[n_frames + 1]`.
     snapshots: Vec<Snapshot>,
     state_dim: usize,
+    first_success: Option<u32>,
     success_at_end: bool,
     fingerprint: u64,
 }
@@ -124,7 +125,7 @@ impl Recording {
     /// Returns the number of frames, which is the number of control steps.
     #[must_use]
     pub fn n_frames(&self) -> usize {
-        self.snapshots.len()
+        self.snapshots.len() - 1
     }
 
     /// Returns the control mode of the action rows.
@@ -158,6 +159,12 @@ impl Recording {
         self.success_at_end
     }
 
+    /// Returns the number of control steps and the first after which all success predicates held.
+    #[must_use]
+    pub fn outcome(&self) -> Outcome {
+        Outcome { first_success: self.first_success, n_steps: self.n_frames() as u32 }
+    }
+
     /// Returns the fingerprint: a hash of the initial state, the actions and all resulting states, as
     /// computed in a run.
     #[must_use]
@@ -171,10 +178,10 @@ impl Recording {
         &self.scene
     }
 
-    /// Returns the poses of all bodies and links at a frame.
+    /// Returns the poses of all bodies and links at a frame, or at the end for `n_frames`.
     ///
     /// # Panics
-    /// If `frame` is out of range.
+    /// If `frame` is greater than that.
     #[must_use]
     pub fn snapshot(&self, frame: usize) -> &Snapshot {
         &self.snapshots[frame]
@@ -209,6 +216,7 @@ impl EpisodeRecorder {
                 states: Vec::new(),
                 snapshots: Vec::new(),
                 state_dim,
+                first_success: None,
                 success_at_end: false,
                 fingerprint: 0,
             },
@@ -219,10 +227,6 @@ impl EpisodeRecorder {
 
     fn n_steps(&self) -> u32 {
         self.recording.snapshots.len() as u32
-    }
-
-    fn has_succeeded(&self) -> bool {
-        first_unmet(&self.success, &self.world).is_none()
     }
 
     fn execute(&mut self, actions: &[f32]) -> Result<(), DemoError> {
@@ -238,10 +242,8 @@ impl EpisodeRecorder {
     }
 
     fn step(&mut self, row: &[f32]) -> Result<(), DemoError> {
-        let Self { recording, world, fingerprint, .. } = self;
-        let mut snapshot = Snapshot::identity(recording.scene.bodies.len(), recording.scene.robots.len());
-        world.write_snapshot(&mut snapshot);
-        recording.snapshots.push(snapshot);
+        let Self { recording, world, fingerprint, success } = self;
+        recording.snapshots.push(snapshot(&recording.scene, world));
         let first = recording.states.len();
         recording.states.resize(first + recording.state_dim, 0.0);
         world.write_state(&mut recording.states[first..]);
@@ -249,11 +251,19 @@ impl EpisodeRecorder {
         world.step(row);
         fingerprint.write(row);
         world.hash_state(fingerprint);
-        if world.is_finite() { Ok(()) } else { Err(DemoError::NotFinite { step: self.n_steps() }) }
+        let step = recording.snapshots.len() as u32;
+        if !world.is_finite() {
+            return Err(DemoError::NotFinite { step });
+        }
+        if recording.first_success.is_none() && first_unmet(success, world).is_none() {
+            recording.first_success = Some(step);
+        }
+        Ok(())
     }
 
-    fn finish(self) -> Recording {
-        let success_at_end = self.has_succeeded();
+    fn finish(mut self) -> Recording {
+        let success_at_end = first_unmet(&self.success, &self.world).is_none();
+        self.recording.snapshots.push(snapshot(&self.recording.scene, &self.world));
         Recording { success_at_end, fingerprint: self.fingerprint.finish(), ..self.recording }
     }
 }

@@ -1,4 +1,4 @@
-//! Contact sheets: several square images laid out on a grid with margins, as one PNG.
+//! Contact sheets: square images and their captions, laid out on a grid with margins, as one PNG.
 
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -7,6 +7,7 @@ use std::path::Path;
 use thiserror::Error;
 
 use super::MARK;
+use super::caption::Font;
 
 /// Width of the gap around and between images, in px of the sheet.
 const MARGIN: usize = 4;
@@ -42,34 +43,51 @@ pub struct RgbImage {
     rgb: Vec<u8>,
 }
 
-/// Lays out square images on a grid of `columns` columns, in row-major order, and repeats every pixel
-/// `upscale` times along both axes. Each image is given as its side and its `[side, side, 3] u8` sRGB bytes.
+/// Square images side by side, with a caption below them.
+#[derive(Clone, Debug)]
+pub struct Panel {
+    /// Text below the images; empty for none.
+    pub caption: String,
+    /// Images, each given as its side in px and its `[side, side, 3] u8` sRGB bytes.
+    pub images: Vec<(usize, Vec<u8>)>,
+}
+
+/// Lays out panels on a grid of `columns` columns, in row-major order, and repeats every pixel of their images
+/// `upscale` times along both axes.
 ///
 /// # Panics
 /// If there are no images, if `columns` or `upscale` is 0, or if an image's length does not match its side.
 #[must_use]
-pub fn compose(images: &[(usize, impl AsRef<[u8]>)], columns: usize, upscale: usize) -> RgbImage {
+pub fn compose(panels: &[Panel], columns: usize, upscale: usize) -> RgbImage {
+    let sides = || panels.iter().flat_map(|panel| &panel.images).map(|(side, _)| side * upscale);
     assert!(
-        !images.is_empty() && columns > 0 && upscale > 0,
+        columns > 0 && sides().any(|side| side > 0),
         "a sheet needs at least one image, one column and an upscale factor of at least 1"
     );
-    let cell = images.iter().map(|(side, _)| side * upscale).max().unwrap_or(0) + MARGIN;
-    let columns = columns.min(images.len());
-    let (width, height) = (columns * cell + MARGIN, images.len().div_ceil(columns) * cell + MARGIN);
-    let mut rgb = vec![BACKGROUND; width * height * 3];
-    for (i, (side, bytes)) in images.iter().enumerate() {
-        let (side, bytes) = (*side, bytes.as_ref());
-        assert_eq!(bytes.len(), side * side * 3, "an image must be [side, side, 3] u8");
-        let (left, top) = (i % columns * cell + MARGIN, i / columns * cell + MARGIN);
-        for y in 0..side * upscale {
-            for x in 0..side * upscale {
-                let from = (y / upscale * side + x / upscale) * 3;
-                let to = ((top + y) * width + left + x) * 3;
-                rgb[to..to + 3].copy_from_slice(&bytes[from..from + 3]);
+    let cell = sides().max().unwrap_or(0) + MARGIN;
+    let panel_width = cell * panels.iter().map(|panel| panel.images.len()).max().unwrap_or(0);
+    let font = Font::for_width(cell);
+    let columns = columns.min(panels.len());
+    let mut sheet = RgbImage { width: columns * panel_width + MARGIN, rgb: Vec::new() };
+    sheet.extend(MARGIN);
+    for row in panels.chunks(columns) {
+        let captions = row.iter().map(|panel| font.wrap(&panel.caption, panel_width - MARGIN));
+        let captions: Vec<Vec<String>> = captions.collect();
+        let text_height = captions.iter().map(|lines| lines.len() * font.height()).max().unwrap_or(0);
+        let top = sheet.size()[1];
+        sheet.extend(cell + text_height);
+        for (column, (panel, lines)) in row.iter().zip(captions).enumerate() {
+            let left = column * panel_width + MARGIN;
+            for (idx, (side, bytes)) in panel.images.iter().enumerate() {
+                sheet.draw_image(*side, bytes, [left + idx * cell, top], upscale);
+            }
+            for (idx, line) in lines.iter().enumerate() {
+                let top = top + cell + idx * font.height() - MARGIN / 2;
+                font.draw(line, BACKGROUND, |x, y, grey| sheet.set(left + x, top + y, [grey; 3]));
             }
         }
     }
-    RgbImage { width, rgb }
+    sheet
 }
 
 impl RgbImage {
@@ -77,6 +95,25 @@ impl RgbImage {
     #[must_use]
     pub fn size(&self) -> [usize; 2] {
         [self.width, self.rgb.len() / 3 / self.width]
+    }
+
+    /// Appends rows of the background colour.
+    fn extend(&mut self, n_rows: usize) {
+        self.rgb.resize(self.rgb.len() + n_rows * self.width * 3, BACKGROUND);
+    }
+
+    fn set(&mut self, x: usize, y: usize, rgb: [u8; 3]) {
+        self.rgb[(y * self.width + x) * 3..][..3].copy_from_slice(&rgb);
+    }
+
+    fn draw_image(&mut self, side: usize, rgb: &[u8], [left, top]: [usize; 2], upscale: usize) {
+        assert_eq!(rgb.len(), side * side * 3, "an image must be [side, side, 3] u8");
+        let pixels = rgb.as_chunks().0;
+        for y in 0..side * upscale {
+            for x in 0..side * upscale {
+                self.set(left + x, top + y, pixels[y / upscale * side + x / upscale]);
+            }
+        }
     }
 
     /// Iterates over the sRGB values of all pixels, row-major, top row first.

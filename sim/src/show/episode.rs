@@ -3,9 +3,10 @@
 use ipc_types::ControlMode;
 use ipc_types::layout::MAX_ACTION_DIM;
 
-use super::ShowError;
+use super::error::ShowError;
+use super::outcome::Outcome;
 use crate::expert::{Expert, MotionPlanError, write_hold_action};
-use crate::perturb::{Composition, Strength};
+use crate::perturb::{Composition, Perturbation, Strength};
 use crate::physics::World;
 use crate::predicate::first_unmet;
 use crate::task::Task;
@@ -48,24 +49,37 @@ pub(crate) enum RolloutEnd {
 }
 
 impl EpisodeSpec {
+    /// Returns the names of the task and, if there is one, the perturbation.
+    #[must_use]
+    pub fn title(self) -> String {
+        let (task, perturbation) = (self.task.name(), self.perturbation);
+        if perturbation == Composition::from(Perturbation::None) {
+            task.to_owned()
+        } else {
+            format!("{task}, {}", perturbation.name())
+        }
+    }
+
     /// Samples the scene of an episode.
     pub(crate) fn draw(self, episode_seed: u64) -> Scene {
         self.perturbation.spec(self.task.task(), self.profile, self.strength).draw(episode_seed)
     }
 
-    /// Rolls out an episode. Returns the initial snapshot followed by one snapshot per control step.
+    /// Rolls out an episode. Returns the initial snapshot followed by one snapshot per control step, and the
+    /// outcome.
     pub(crate) fn roll_out(
         self,
         scene: &Scene,
         actor: Actor,
         end: RolloutEnd,
-    ) -> Result<Vec<Snapshot>, ShowError> {
+    ) -> Result<(Vec<Snapshot>, Outcome), ShowError> {
         let task = self.task.task();
         let mut act = actor.act_fn(task, scene)?;
         let mut world = World::build(scene, ControlMode::JointPos);
         let success = (task.success)(scene, self.profile);
         let mut row = [0.0; MAX_ACTION_DIM];
         let row = &mut row[..ControlMode::JointPos.action_dim(task.morphology)];
+        let mut first_success = None;
         let mut snapshots = vec![snapshot(scene, &world)];
         for step in 1..=task.max_steps {
             act(&world, row);
@@ -74,11 +88,15 @@ impl EpisodeSpec {
                 return Err(ShowError::NotFinite { step });
             }
             snapshots.push(snapshot(scene, &world));
-            if end == RolloutEnd::FirstSuccess && first_unmet(&success, &world).is_none() {
-                break;
+            if first_success.is_none() && first_unmet(&success, &world).is_none() {
+                first_success = Some(step);
+                if end == RolloutEnd::FirstSuccess {
+                    break;
+                }
             }
         }
-        Ok(snapshots)
+        let n_steps = snapshots.len() as u32 - 1;
+        Ok((snapshots, Outcome { first_success, n_steps }))
     }
 }
 

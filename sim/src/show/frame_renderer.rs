@@ -1,9 +1,14 @@
 //! Rendering of frames as colour, depth or segmentation images.
 
+use std::collections::BTreeMap;
+
 use super::depth::DepthRange;
 use super::segmentation::{LegendEntry, color_of, legend};
-use render::{CpuOptions, CpuRenderer, Inspection, RenderScene, Samples};
+use render::{CpuOptions, CpuRenderer, Inspection, RenderScene, Samples, Segment};
 use scene::{Scene, Snapshot};
+
+/// Number of pixels from which on a body counts as visible.
+const VISIBLE_PIXELS: usize = 16;
 
 /// Quantity shown by the images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,6 +80,22 @@ impl FrameRenderer {
         &self.legend
     }
 
+    /// Counts the bodies of which a camera sees at least [`VISIBLE_PIXELS`] pixels.
+    pub(crate) fn n_visible_bodies(
+        &mut self,
+        scene: &RenderScene,
+        snapshot: &Snapshot,
+        camera: usize,
+    ) -> usize {
+        let mut n_pixels = BTreeMap::new();
+        for segment in self.renderer.inspect(scene, snapshot, camera).segments {
+            if let Segment::Body(idx) = segment {
+                *n_pixels.entry(idx).or_insert(0) += 1;
+            }
+        }
+        n_pixels.into_values().filter(|n| *n >= VISIBLE_PIXELS).count()
+    }
+
     /// Renders all cameras. Returns each camera's side in px and its `[side, side, 3] u8` sRGB image.
     pub(crate) fn render(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
         let Self { renderer, legend } = self;
@@ -97,7 +118,7 @@ impl FrameRenderer {
 /// Returns the range of depths over all cameras and frames.
 fn depth_range(renderer: &mut CpuRenderer, scenes: &[RenderScene], frames: &[SequenceFrame]) -> DepthRange {
     let mut range = DepthRange::EMPTY;
-    for SequenceFrame { scene_idx, snapshot } in frames {
+    for SequenceFrame { scene_idx, snapshot, .. } in frames {
         let scene = &scenes[*scene_idx];
         for camera_idx in 0..scene.n_cameras() {
             range.extend(&renderer.inspect(scene, snapshot, camera_idx).depth_m);
@@ -112,4 +133,6 @@ pub(crate) struct SequenceFrame {
     pub(crate) scene_idx: usize,
     /// Poses of bodies and links.
     pub(crate) snapshot: Snapshot,
+    /// Number of control steps taken.
+    pub(crate) step: u32,
 }

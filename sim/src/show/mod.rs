@@ -1,9 +1,10 @@
 //! Renderings for people: the camera images at the starts of episodes, or along one episode, as a contact
-//! sheet or a movie.
+//! sheet or a movie, with captions.
 //!
 //! Owns the colour maps for depth and segmentation and the movie file formats. It does not define what an
 //! episode is: it samples scenes and steps worlds as `serve` does, with an actor that needs no policy host.
 
+mod caption;
 pub mod contact_sheet;
 mod depth;
 mod episode;
@@ -11,14 +12,17 @@ mod error;
 mod frame_renderer;
 mod high_res;
 pub mod movie;
+mod outcome;
 mod segmentation;
 mod sequence;
 
 pub use depth::DepthRange;
+pub(crate) use episode::snapshot;
 pub use episode::{Actor, EpisodeSpec};
 pub use error::ShowError;
 pub use frame_renderer::{Legend, ViewMode};
 pub use high_res::HighResScene;
+pub use outcome::Outcome;
 pub use segmentation::LegendEntry;
 pub use sequence::FrameSequence;
 

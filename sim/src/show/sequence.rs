@@ -2,23 +2,33 @@
 
 use ipc_types::ControlMode;
 
-use super::contact_sheet::{self, RgbImage};
+use super::contact_sheet::{self, Panel, RgbImage};
 use super::episode::{Actor, EpisodeSpec, RolloutEnd, snapshot};
 use super::error::ShowError;
 use super::frame_renderer::{FrameRenderer, Legend, SequenceFrame, ViewMode};
+use super::outcome::Outcome;
 use crate::physics::World;
 use render::{RenderScene, Samples};
-use scene::Snapshot;
 
 /// Pixels of a contact sheet per rendered pixel, along each axis.
 const SHEET_UPSCALE: usize = 2;
+/// Columns of a contact sheet of one camera.
+const GRID_COLUMNS: usize = 6;
 
 /// A sequence of frames, ready to be rendered. All scenes have the same cameras and the same kinds of
 /// objects.
 pub struct FrameSequence {
     scenes: Vec<RenderScene>,
+    /// Titles of the captions, one per scene.
+    titles: Vec<String>,
     /// Instruction per scene.
     instructions: Vec<String>,
+    /// Instruction that policies of the task are trained with.
+    training_instruction: &'static str,
+    /// Outcome of the episode, unless only its start is shown.
+    outcome: Option<Outcome>,
+    /// The only camera shown, if not all are.
+    camera_idx: Option<usize>,
     frames: Vec<SequenceFrame>,
     renderer: FrameRenderer,
 }
@@ -36,12 +46,21 @@ impl FrameSequence {
         let initial = |(scene_idx, scene)| SequenceFrame {
             scene_idx,
             snapshot: snapshot(scene, &World::build(scene, ControlMode::JointPos)),
+            step: 0,
         };
         let frames: Vec<SequenceFrame> = sampled.iter().enumerate().map(initial).collect();
         let scenes: Vec<RenderScene> = sampled.iter().map(RenderScene::new).collect();
         let renderer = FrameRenderer::new(mode, &sampled, &scenes, &frames);
-        let instructions = sampled.into_iter().map(|scene| scene.instruction).collect();
-        Self { scenes, instructions, frames, renderer }
+        Self {
+            scenes,
+            titles: episodes.iter().map(|(spec, _)| spec.title()).collect(),
+            instructions: sampled.into_iter().map(|scene| scene.instruction).collect(),
+            training_instruction: episodes[0].0.task.task().instruction,
+            outcome: None,
+            camera_idx: None,
+            frames,
+            renderer,
+        }
     }
 
     /// Creates three frames of one episode: the initial state, the first success (or the end of the episode),
@@ -55,9 +74,8 @@ impl FrameSequence {
         actor: Actor,
         mode: ViewMode,
     ) -> Result<Self, ShowError> {
-        Self::rollout(spec, episode_seed, actor, mode, RolloutEnd::FirstSuccess, |snapshots| {
-            let last = snapshots.len() - 1;
-            [0, last / 2, last].map(|i| snapshots[i].clone()).into()
+        Self::rollout(spec, episode_seed, actor, mode, RolloutEnd::FirstSuccess, |last| {
+            vec![0, last / 2, last]
         })
     }
 
@@ -71,7 +89,7 @@ impl FrameSequence {
         actor: Actor,
         mode: ViewMode,
     ) -> Result<Self, ShowError> {
-        Self::rollout(spec, episode_seed, actor, mode, RolloutEnd::StepLimit, |snapshots| snapshots)
+        Self::rollout(spec, episode_seed, actor, mode, RolloutEnd::StepLimit, |last| (0..=last).collect())
     }
 
     fn rollout(
@@ -80,15 +98,24 @@ impl FrameSequence {
         actor: Actor,
         mode: ViewMode,
         end: RolloutEnd,
-        select: impl Fn(Vec<Snapshot>) -> Vec<Snapshot>,
+        select_steps: impl Fn(u32) -> Vec<u32>,
     ) -> Result<Self, ShowError> {
         let scene = spec.draw(episode_seed);
-        let snapshots = select(spec.roll_out(&scene, actor, end)?);
-        let frames: Vec<SequenceFrame> =
-            snapshots.into_iter().map(|snapshot| SequenceFrame { scene_idx: 0, snapshot }).collect();
+        let (snapshots, outcome) = spec.roll_out(&scene, actor, end)?;
+        let frame = |step| SequenceFrame { scene_idx: 0, snapshot: snapshots[step as usize].clone(), step };
+        let frames: Vec<SequenceFrame> = select_steps(outcome.n_steps).into_iter().map(frame).collect();
         let scenes = vec![RenderScene::new(&scene)];
         let renderer = FrameRenderer::new(mode, core::slice::from_ref(&scene), &scenes, &frames);
-        Ok(Self { scenes, instructions: vec![scene.instruction], frames, renderer })
+        Ok(Self {
+            scenes,
+            titles: vec![spec.title()],
+            instructions: vec![scene.instruction],
+            training_instruction: spec.task.task().instruction,
+            outcome: Some(outcome),
+            camera_idx: None,
+            frames,
+            renderer,
+        })
     }
 
     /// Sets the samples per pixel of colour images; 1 unless set.
@@ -96,6 +123,38 @@ impl FrameSequence {
     pub fn with_samples(mut self, samples: Samples) -> Self {
         self.renderer.set_samples(samples);
         self
+    }
+
+    /// Replaces the titles of the captions, one per episode. A title consists of task and perturbation unless
+    /// set.
+    #[must_use]
+    pub fn with_titles(self, titles: Vec<String>) -> Self {
+        assert_eq!(titles.len(), self.scenes.len(), "one title per episode");
+        Self { titles, ..self }
+    }
+
+    /// Shows one camera only.
+    ///
+    /// # Panics
+    /// If there is no such camera.
+    #[must_use]
+    pub fn with_camera(self, camera_idx: usize) -> Self {
+        assert!(camera_idx < self.n_cameras(), "there is no camera {camera_idx}");
+        Self { camera_idx: Some(camera_idx), ..self }
+    }
+
+    /// Shows only the external camera that sees most bodies at the start: the first, if it sees as many.
+    #[must_use]
+    pub fn with_clearest_camera(mut self) -> Self {
+        let snapshot = &self.frames[0].snapshot;
+        let n_visible = [0, 1].map(|idx| self.renderer.n_visible_bodies(&self.scenes[0], snapshot, idx));
+        self.with_camera(usize::from(n_visible[1] > n_visible[0]))
+    }
+
+    /// Returns the number of cameras of the robot.
+    #[must_use]
+    pub fn n_cameras(&self) -> usize {
+        self.scenes[0].n_cameras()
     }
 
     /// Returns the number of frames, at least 1.
@@ -116,34 +175,50 @@ impl FrameSequence {
         self.renderer.legend()
     }
 
-    /// Renders one frame: the images of all cameras side by side.
+    /// Renders one frame: the images of the shown cameras side by side.
     ///
     /// # Panics
     /// If `frame_idx` is out of range.
     #[must_use]
     pub fn render_frame(&mut self, frame_idx: usize) -> RgbImage {
-        let images = self.camera_images(frame_idx);
-        contact_sheet::compose(&images, images.len(), 1)
+        contact_sheet::compose(&[self.panel(frame_idx)], 1, 1)
     }
 
-    /// Renders all frames as a contact sheet, with one row of camera images per frame.
+    /// Renders all frames as a contact sheet: one row of images per frame, or a grid if one camera is shown.
     #[must_use]
     pub fn render_sheet(&mut self) -> RgbImage {
-        let images: Vec<_> = (0..self.n_frames()).flat_map(|idx| self.camera_images(idx)).collect();
-        contact_sheet::compose(&images, self.scenes[0].n_cameras(), SHEET_UPSCALE)
+        let panels: Vec<Panel> = (0..self.n_frames()).map(|idx| self.panel(idx)).collect();
+        let (columns, upscale) =
+            if self.camera_idx.is_some() { (GRID_COLUMNS, 1) } else { (1, SHEET_UPSCALE) };
+        contact_sheet::compose(&panels, columns, upscale)
     }
 
-    /// Renders one camera's image of one frame: its side in px and its `[side, side, 3] u8` sRGB bytes.
-    ///
-    /// # Panics
-    /// If there is no such frame or camera.
+    /// Renders all frames side by side, under the title of the first.
     #[must_use]
-    pub fn render_camera(&mut self, frame_idx: usize, camera_idx: usize) -> (usize, Vec<u8>) {
-        self.camera_images(frame_idx).swap_remove(camera_idx)
+    pub fn render_strip(&mut self) -> Panel {
+        let images = (0..self.n_frames()).flat_map(|idx| self.images(idx)).collect();
+        Panel { caption: self.titles[0].clone(), images }
     }
 
-    fn camera_images(&mut self, frame_idx: usize) -> Vec<(usize, Vec<u8>)> {
-        let SequenceFrame { scene_idx, snapshot } = &self.frames[frame_idx];
-        self.renderer.render(&self.scenes[*scene_idx], snapshot)
+    fn panel(&mut self, frame_idx: usize) -> Panel {
+        let SequenceFrame { scene_idx, step, .. } = self.frames[frame_idx];
+        let (title, instruction) = (&self.titles[scene_idx], &self.instructions[scene_idx]);
+        let mut lines = vec![title.clone()];
+        lines.extend(self.outcome.map(|outcome| outcome.after(step)));
+        if instruction.is_empty() {
+            lines.push("no instruction".to_owned());
+        } else if instruction != self.training_instruction {
+            lines.push(format!("\"{instruction}\""));
+        }
+        Panel { caption: lines.join("\n"), images: self.images(frame_idx) }
+    }
+
+    fn images(&mut self, frame_idx: usize) -> Vec<(usize, Vec<u8>)> {
+        let SequenceFrame { scene_idx, snapshot, .. } = &self.frames[frame_idx];
+        let mut images = self.renderer.render(&self.scenes[*scene_idx], snapshot);
+        match self.camera_idx {
+            Some(idx) => vec![images.swap_remove(idx)],
+            None => images,
+        }
     }
 }

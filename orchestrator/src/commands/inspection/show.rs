@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, ensure};
 use clap::Args;
 use run_config::{Profile, Samples, Strength};
 use sim::TaskId;
@@ -25,7 +25,7 @@ use crate::selection::selectors::{PerturbationSelector, TaskSelector};
 /// Arguments of `show`.
 #[derive(Debug, Args)]
 pub(crate) struct ShowArgs {
-    /// Task; or all, single or bimanual: one image of each task on a single sheet
+    /// Task; or all, single or bimanual: one image of each task on a single sheet, or three with --policy
     #[arg(value_parser = TaskSelector::PARSER, hide_possible_values = true)]
     pub(crate) task: TaskSelector,
     /// Perturbation, several joined by + that act together, or all: one row for each that applies to the task
@@ -55,11 +55,15 @@ pub(crate) struct ShowArgs {
     /// Samples per pixel of rgb images
     #[arg(long, value_enum, default_value_t = Samples::One)]
     pub(crate) samples: Samples,
+    /// Show only this camera, counted from 1 in the order of the columns; a sheet shows several per row.
+    /// A sheet of several tasks shows the first external camera, or the second if it sees more objects
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=4))]
+    pub(crate) camera: Option<u8>,
     /// Let this policy act, and show the start, the middle and the success (or end) of the episode
     #[arg(long, value_name = "SPEC", value_parser = ACTOR_PARSER)]
     pub(crate) policy: Option<Actor>,
-    /// Write the whole episode, 20 control steps per second, as .png or .apng (lossless) or .gif (small); the
-    /// expert acts unless --policy is given
+    /// Write the whole episode, 20 control steps per second, as .png or .apng (lossless), .gif (small) or
+    /// .mp4 (smallest; needs ffmpeg); the expert acts unless --policy is given
     #[arg(long, value_name = "FILE")]
     pub(crate) movie: Option<PathBuf>,
     /// Contact sheet to write [default: TASK.png]
@@ -79,8 +83,8 @@ const ACTOR_PARSER: NameParser<Actor, UnknownName> = NameParser {
     names: || Actor::ALL.map(Actor::name).to_vec(),
 };
 
-/// Images per row of a sheet of several tasks.
-const GALLERY_COLUMNS: usize = 7;
+/// Tasks per row of a sheet with one image each, and with three.
+const GALLERY_COLUMNS: [usize; 2] = [7, 3];
 
 /// The resolved arguments.
 struct ShowPlan {
@@ -90,6 +94,10 @@ struct ShowPlan {
     samples: Samples,
     /// The policy that acts; `None` to show the starts only.
     actor: Option<Actor>,
+    /// The only camera shown, if not all are.
+    camera_idx: Option<usize>,
+    /// Title of each episode.
+    titles: Vec<String>,
 }
 
 /// Renders the contact sheet or the movie.
@@ -111,6 +119,9 @@ pub(crate) fn show(args: &ShowArgs) -> Result<ExitStatus, Failure> {
 impl ShowPlan {
     fn new(task: TaskId, args: &ShowArgs) -> anyhow::Result<Self> {
         let &ShowArgs { strength, profile, what, samples, policy: actor, .. } = args;
+        let camera_idx = args.camera.map(|number| usize::from(number) - 1);
+        let n_cameras = (task.task().nominal)(profile).cameras.len();
+        ensure!(camera_idx.is_none_or(|idx| idx < n_cameras), "{} has {n_cameras} cameras", task.name());
         let perturbations = perturbations(task, args.perturbation)?;
         if perturbations.len() > 1 && (args.episodes > 1 || actor.is_some() || args.movie.is_some()) {
             let message =
@@ -118,13 +129,28 @@ impl ShowPlan {
             return Err(anyhow!(message));
         }
         let subject = |perturbation| EpisodeSpec { task, perturbation, profile, strength };
-        let episodes = (args.episode..=u32::MAX).take(args.episodes as usize);
-        let seeds: Vec<u64> = episodes.map(|idx| episode_seed(args.seed, task.name(), idx)).collect();
-        let rows = perturbations
-            .iter()
-            .flat_map(|perturbation| seeds.iter().map(move |seed| (*perturbation, *seed)));
-        let episodes = rows.map(|(perturbation, seed)| (subject(perturbation), seed)).collect();
-        Ok(Self { episodes, what, samples, actor })
+        let (mut episodes, mut titles) = (Vec::new(), Vec::new());
+        for &perturbation in &perturbations {
+            for idx in (args.episode..=u32::MAX).take(args.episodes as usize) {
+                let subject = subject(perturbation);
+                titles.push(match (perturbations.len(), args.episodes) {
+                    (1, 1) => subject.title(),
+                    (1, _) => format!("{}, episode {idx}", subject.title()),
+                    _ => perturbation.name(),
+                });
+                episodes.push((subject, episode_seed(args.seed, task.name(), idx)));
+            }
+        }
+        Ok(Self { episodes, what, samples, actor, camera_idx, titles })
+    }
+
+    /// Applies what is shown of frames.
+    fn prepared(&self, frames: FrameSequence) -> FrameSequence {
+        let frames = frames.with_samples(self.samples);
+        match self.camera_idx {
+            Some(idx) => frames.with_camera(idx),
+            None => frames,
+        }
     }
 }
 
@@ -142,13 +168,13 @@ fn perturbations(task: TaskId, selector: PerturbationSelector) -> Result<Vec<Com
 
 /// Writes one PNG: a row of camera images for the start of each episode, or for three moments of one.
 fn write_sheet(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
-    let &ShowPlan { ref episodes, what, samples, actor } = plan;
+    let &ShowPlan { ref episodes, what, actor, .. } = plan;
     let (subject, seed) = episodes[0];
     let frames = match actor {
-        None => FrameSequence::initial_states(episodes, what),
+        None => FrameSequence::initial_states(episodes, what).with_titles(plan.titles.clone()),
         Some(actor) => FrameSequence::highlights(subject, seed, actor, what)?,
     };
-    let mut frames = frames.with_samples(samples);
+    let mut frames = plan.prepared(frames);
     frames.render_sheet().write_png(path)?;
     if episodes.iter().any(|(other, _)| other.perturbation != subject.perturbation) {
         let mut rows = TextTable::new(&[("row", Align::Left), ("instruction", Align::Left)]);
@@ -160,39 +186,43 @@ fn write_sheet(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
     print_legend(frames.legend(), path)
 }
 
-/// Writes one PNG with the first external camera's image at the start of an episode of each selected task.
+/// Writes one PNG with the image of an external camera at the start of an episode of each selected task, or at
+/// three moments.
 fn write_gallery(args: &ShowArgs) -> anyhow::Result<ExitStatus> {
-    let &ShowArgs { strength, profile, what, samples, .. } = args;
-    if args.policy.is_some() || args.movie.is_some() || args.episodes > 1 || what != ViewMode::Rgb {
-        let message = "a sheet of several tasks shows one rgb image of each: omit --policy, --movie, --episodes and \
-                       --what, or name one task";
+    let &ShowArgs { strength, profile, what, samples, policy: actor, .. } = args;
+    if args.camera.is_some() || args.movie.is_some() || args.episodes > 1 || what != ViewMode::Rgb {
+        let message = "a sheet of several tasks shows rgb images of one episode of each: omit --camera, --movie, \
+                       --episodes and --what, or name one task";
         return Err(anyhow!(message));
     }
     let PerturbationSelector::Named(perturbation) = args.perturbation else {
         return Err(anyhow!("a sheet of several tasks shows one perturbation: name it instead of `all`"));
     };
-    let mut images = Vec::new();
+    let mut panels = Vec::new();
     for task in TaskSelector::select(&[args.task]) {
         let perturbation = Condition::new(task, perturbation)?.perturbation;
         let seed = episode_seed(args.seed, task.name(), args.episode);
         let episode = EpisodeSpec { task, perturbation, profile, strength };
-        let start = FrameSequence::initial_states(&[(episode, seed)], what);
-        images.push(start.with_samples(samples).render_camera(0, 0));
+        let frames = match actor {
+            None => FrameSequence::initial_states(&[(episode, seed)], what),
+            Some(actor) => FrameSequence::highlights(episode, seed, actor, what)?,
+        };
+        panels.push(frames.with_samples(samples).with_clearest_camera().render_strip());
     }
     let path = args.output.as_deref().unwrap_or(Path::new("tasks.png"));
     args.overwriting.check(path)?;
-    contact_sheet::compose(&images, GALLERY_COLUMNS, 1).write_png(path)?;
+    let columns = GALLERY_COLUMNS[usize::from(actor.is_some())];
+    contact_sheet::compose(&panels, columns, 1).write_png(path)?;
     print_message(&format!("wrote {}", path.display()));
     Ok(ExitStatus::Success)
 }
 
 /// Writes one frame per control step of one episode.
 fn write_movie(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
-    let &ShowPlan { ref episodes, what, samples, actor } = plan;
-    let (subject, seed) = episodes[0];
+    let (subject, seed) = plan.episodes[0];
     let format = MovieFormat::from_path(path)?;
-    let frames = FrameSequence::episode(subject, seed, actor.unwrap_or(Actor::Expert), what)?;
-    let mut frames = frames.with_samples(samples);
+    let actor = plan.actor.unwrap_or(Actor::Expert);
+    let mut frames = plan.prepared(FrameSequence::episode(subject, seed, actor, plan.what)?);
     match movie::write(path, format, frames.n_frames(), 1, |frame_idx| frames.render_frame(frame_idx))? {
         ExitStatus::Success => print_legend(frames.legend(), path),
         other => Ok(other),

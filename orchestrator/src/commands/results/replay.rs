@@ -8,12 +8,9 @@ use clap::Args;
 use rayon::prelude::*;
 use run_config::Samples;
 use sim::TaskId;
-use sim::demo::Recording;
 use sim::perturb::Composition;
-use sim::render::{CpuOptions, CpuRenderer};
 use sim::scene::stream::Stream;
-use sim::show::movie::MovieFormat;
-use sim::show::{HighResScene, contact_sheet};
+use sim::show::HighResScene;
 
 use crate::commands::results::trajectory;
 use crate::console::exit::{ExitStatus, Failure, OrUser};
@@ -22,8 +19,7 @@ use crate::console::output_files::Overwriting;
 use crate::console::progress::Progress;
 use crate::console::table::{Align, TextTable};
 use crate::console::threads::start_threads;
-use crate::run::movie;
-use crate::run::playback::{EpisodeSource, MovieEpisode};
+use crate::run::playback::{EpisodeSource, MovieOptions, ReplayedEpisode, write_movie};
 use crate::selection::selectors::{PERTURBATION_PARSER, TASK_PARSER};
 use crate::store::stored_episode::{StoredEpisode, format_fingerprint};
 
@@ -66,7 +62,8 @@ pub(crate) struct ReplayArgs {
     /// Seed of the sample
     #[arg(long, value_name = "S", default_value_t = 0, requires = "sample")]
     pub(crate) seed: u64,
-    /// Write the first of them as a movie of all cameras: .png or .apng (lossless) or .gif (small)
+    /// Write the first of them as a movie of all cameras: .png or .apng (lossless), .gif (small) or .mp4
+    /// (smallest; needs ffmpeg)
     #[arg(long, value_name = "FILE")]
     pub(crate) movie: Option<PathBuf>,
     /// Movie resolution as a multiple, 1 to 8, of what policies receive: 224 pixels per edge for external
@@ -97,8 +94,8 @@ pub(crate) fn replay(args: &ReplayArgs) -> Result<ExitStatus, Failure> {
     if let (Some(start), Some(actions)) = (&args.start, &args.actions) {
         return match &args.movie {
             Some(path) => {
-                let recording = trajectory::record(start, actions).or_user()?;
-                write_recordings(vec![recording], path, args).or_user()
+                let episode = trajectory::record(start, actions).or_user()?;
+                write_episodes(&[episode], path, args).or_user()
             }
             None => trajectory::print(start, actions, args.json),
         };
@@ -107,13 +104,13 @@ pub(crate) fn replay(args: &ReplayArgs) -> Result<ExitStatus, Failure> {
     let selected = select(args, source.episodes()).or_user()?;
     if let Some(path) = &args.movie {
         let shown = if args.grid { &selected[..] } else { &selected[..1] };
-        return write_movie(&source, shown, path, args).or_user();
+        return write_stored(&source, shown, path, args).or_user();
     }
     let progress = Mutex::new(Progress::of_replays(selected.len() as u64, args.quiet));
     let replayed: Vec<(usize, u64)> = selected
         .into_par_iter()
         .map(|episode_idx| {
-            let fingerprint = source.replay(episode_idx)?.fingerprint();
+            let fingerprint = source.replay(episode_idx)?.recording.fingerprint();
             progress.lock().unwrap_or_else(PoisonError::into_inner).tick();
             Ok((episode_idx, fingerprint))
         })
@@ -192,19 +189,18 @@ fn report(episodes: &[StoredEpisode], replayed: &[(usize, u64)]) -> Result<ExitS
 }
 
 /// Writes a movie of stored episodes and compares their fingerprints with the stored ones.
-fn write_movie(
+fn write_stored(
     source: &EpisodeSource,
     episodes: &[usize],
     path: &Path,
     args: &ReplayArgs,
 ) -> anyhow::Result<ExitStatus> {
-    let recordings: Vec<Recording> =
+    let replayed: Vec<ReplayedEpisode> =
         episodes.par_iter().map(|idx| source.replay(*idx)).collect::<anyhow::Result<_>>()?;
-    let fingerprints: Vec<u64> = recordings.iter().map(Recording::fingerprint).collect();
-    let mut status = write_recordings(recordings, path, args)?;
-    for (&episode_idx, fingerprint) in episodes.iter().zip(fingerprints) {
+    let mut status = write_episodes(&replayed, path, args)?;
+    for (&episode_idx, ReplayedEpisode { recording, .. }) in episodes.iter().zip(&replayed) {
         if status == ExitStatus::Success
-            && format_fingerprint(fingerprint) != source.episodes()[episode_idx].fingerprint
+            && format_fingerprint(recording.fingerprint()) != source.episodes()[episode_idx].fingerprint
         {
             print_message(&format!("episode {episode_idx} does not reproduce the stored fingerprint"));
             status = ExitStatus::EpisodeErrors;
@@ -214,47 +210,18 @@ fn write_movie(
 }
 
 /// Writes a movie of one episode with all cameras, or of several with the first external camera of each.
-fn write_recordings(
-    recordings: Vec<Recording>,
+fn write_episodes(
+    episodes: &[ReplayedEpisode],
     path: &Path,
     args: &ReplayArgs,
 ) -> anyhow::Result<ExitStatus> {
-    let format = MovieFormat::from_path(path)?;
-    let episode = |recording: Recording| {
-        let scene = HighResScene::new(recording.scene(), args.scale);
-        MovieEpisode { recording, scene }
-    };
-    let replayed: Vec<MovieEpisode> = recordings.into_par_iter().map(episode).collect();
-    let n_steps = replayed.iter().map(|episode| episode.recording.n_frames()).max().unwrap_or(0);
-    let stride = usize::from(args.stride);
-    let options = CpuOptions { samples: args.samples, ..CpuOptions::default() };
-    let mut renderer = CpuRenderer::with_options(rayon::current_num_threads(), options);
-    let status = movie::write(path, format, n_steps.div_ceil(stride), args.stride, |frame| {
-        render_frame(&replayed, frame * stride, args.grid, &mut renderer)
-    })?;
+    let &ReplayArgs { scale, samples, stride, grid, .. } = args;
+    let grid = grid.then(|| episodes.len().div_ceil(2).clamp(1, 4));
+    let status = write_movie(path, episodes, &MovieOptions { grid, scale, samples, stride })?;
     if status == ExitStatus::Success {
         print_message(&format!("wrote {}", path.display()));
     }
     Ok(status)
-}
-
-/// Renders the state after `step` control steps. An episode that has ended keeps its last state.
-fn render_frame(
-    episodes: &[MovieEpisode],
-    step: usize,
-    grid: bool,
-    renderer: &mut CpuRenderer,
-) -> contact_sheet::RgbImage {
-    let snapshot = |recording: &Recording| recording.snapshot(step.min(recording.n_frames() - 1)).clone();
-    let images: Vec<(usize, Vec<u8>)> = if grid {
-        let camera = |it: &MovieEpisode| it.scene.photograph_camera(renderer, &snapshot(&it.recording), 0);
-        episodes.iter().map(camera).collect()
-    } else {
-        let only = &episodes[0];
-        only.scene.photograph(renderer, &snapshot(&only.recording))
-    };
-    let columns = if grid { images.len().div_ceil(2).clamp(1, 4) } else { images.len() };
-    contact_sheet::compose(&images, columns, 1)
 }
 
 fn parse_scale(typed: &str) -> Result<usize, String> {

@@ -12,6 +12,7 @@ use sim::trajectory::{Replay, Start, Step, TrajectoryFile, read_actions};
 use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::output::print_out;
 use crate::console::table::{Align, TextTable};
+use crate::run::playback::ReplayedEpisode;
 
 /// Result of a trajectory, as printed with `--json`.
 #[derive(Serialize)]
@@ -39,9 +40,10 @@ pub(crate) fn print(start: &Path, actions: &Path, json: bool) -> Result<ExitStat
 }
 
 /// Records the same for a movie.
-pub(crate) fn record(start: &Path, actions: &Path) -> anyhow::Result<Recording> {
+pub(crate) fn record(start: &Path, actions: &Path) -> anyhow::Result<ReplayedEpisode> {
     let (start, actions) = read(start, actions)?;
-    Ok(Recording::from_start(&start, &actions)?)
+    let recording = Recording::from_start(&start, &actions)?;
+    Ok(ReplayedEpisode { title: start.task.name().to_owned(), recording })
 }
 
 fn read(start: &Path, actions: &Path) -> anyhow::Result<(Start, Vec<f32>)> {

@@ -4,6 +4,8 @@ use std::io;
 
 use thiserror::Error;
 
+use super::mp4::Mp4Error;
+
 /// Errors that can occur while writing a movie.
 #[derive(Debug, Error)]
 pub enum MovieError {
@@ -35,7 +37,7 @@ pub enum MovieError {
     },
 }
 
-/// Errors of the image encoders.
+/// Errors of the encoders.
 #[derive(Debug, Error)]
 pub enum EncodeError {
     /// Error of the PNG encoder.
@@ -44,4 +46,7 @@ pub enum EncodeError {
     /// Error of the GIF encoder.
     #[error(transparent)]
     Gif(#[from] ::gif::EncodingError),
+    /// Error of the MP4 encoder.
+    #[error(transparent)]
+    Mp4(#[from] Mp4Error),
 }

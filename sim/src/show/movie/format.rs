@@ -9,13 +9,19 @@ use thiserror::Error;
 pub enum MovieFormat {
     /// Animated PNG: lossless.
     Apng,
-    /// GIF: smaller; frames with more than 255 new colours are dithered.
+    /// GIF: smaller; a frame has at most 255 new colours.
     Gif,
+    /// MP4 with H.264: smallest; needs `ffmpeg`.
+    Mp4,
 }
 
 /// File name extensions in lower case.
-const EXTENSIONS: [(&str, MovieFormat); 3] =
-    [("png", MovieFormat::Apng), ("apng", MovieFormat::Apng), ("gif", MovieFormat::Gif)];
+const EXTENSIONS: [(&str, MovieFormat); 4] = [
+    ("png", MovieFormat::Apng),
+    ("apng", MovieFormat::Apng),
+    ("gif", MovieFormat::Gif),
+    ("mp4", MovieFormat::Mp4),
+];
 
 /// Error for a path whose extension is not that of a known movie format.
 #[derive(Debug, Error, PartialEq, Eq)]

@@ -23,6 +23,11 @@ impl PartFile {
         Ok((Self { part_path: part, path: path.to_owned() }, BufWriter::new(file)))
     }
 
+    /// Returns the path of the incomplete file.
+    pub(crate) fn part_path(&self) -> &Path {
+        &self.part_path
+    }
+
     /// Wraps an encoder error with the path of the file.
     pub(crate) fn write_error(&self, source: EncodeError) -> MovieError {
         MovieError::Write { path: self.path.display().to_string(), source }

@@ -1,11 +1,13 @@
 //! Round-trip tests: a decoded movie equals the frames that were encoded.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
+use super::mp4::Mp4;
 use super::{MovieFormat, MovieWriter};
-use crate::show::contact_sheet::{RgbImage, compose};
+use crate::show::contact_sheet::{Panel, RgbImage, compose};
 
 /// Returns three frames of a moving square with 40 colours on black.
 fn frames() -> Vec<RgbImage> {
@@ -15,7 +17,7 @@ fn frames() -> Vec<RgbImage> {
             let (x, y) = (i % 8 + shift, i / 8 + 2 * shift);
             image[y * 32 + x] = [255 - 6 * (i as u8 % 40), 17, i as u8 % 40];
         }
-        compose(&[(32, image.concat())], 1, 1)
+        compose(&[Panel { caption: String::new(), images: vec![(32, image.concat())] }], 1, 1)
     };
     [0, 3, 7].map(frame).into()
 }
@@ -74,6 +76,56 @@ fn gif_with_few_colors_is_lossless() {
 }
 
 #[test]
+fn gif_with_many_colors_is_close() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("x.gif");
+    let (mut image, side) = (Vec::new(), 64);
+    for i in 0..side * side {
+        image.extend([(i % side / 2 * 8) as u8, (i / side / 2 * 8) as u8, 90]);
+    }
+    let frame = compose(&[Panel { caption: String::new(), images: vec![(side, image)] }], 1, 1);
+    MovieWriter::begin(&path, MovieFormat::Gif, 1, 1, frame.clone()).unwrap().finish().unwrap();
+    let mut options = gif::DecodeOptions::new();
+    options.set_color_output(gif::ColorOutput::RGBA);
+    let mut decoder = options.read_info(File::open(&path).unwrap()).unwrap();
+    let decoded = decoder.read_next_frame().unwrap().unwrap().buffer.to_vec();
+    let mut decoded_as = BTreeMap::new();
+    for (found, expected) in decoded.as_chunks::<4>().0.iter().zip(frame.pixels()) {
+        let error = (0..3).map(|c| found[c].abs_diff(expected[c])).max().unwrap();
+        assert!(error <= 24, "{expected:?} became {found:?}");
+        assert_eq!(decoded_as.entry(expected).or_insert(*found), found, "{expected:?} is dithered");
+    }
+}
+
+#[test]
+fn mp4_without_ffmpeg_names_the_cure() {
+    let dir = tempfile::tempdir().unwrap();
+    let begin = |program: &Path| Mp4::begin(program, &dir.path().join("x.mp4"), 1, &frames()[0]);
+    let error = begin(&dir.path().join("ffmpeg")).err().unwrap().to_string();
+    assert!(error.contains("apt install ffmpeg") && error.contains(".gif, .png or .apng"), "{error}");
+}
+
+#[test]
+fn ffmpeg_reads_every_frame_and_reports_errors() {
+    let dir = tempfile::tempdir().unwrap();
+    let (program, path) = (dir.path().join("ffmpeg"), dir.path().join("x.mp4"));
+    let encode = |script: &str| {
+        std::fs::write(&program, format!("#!/bin/sh\n{script}\n")).unwrap();
+        std::fs::set_permissions(&program, std::os::unix::fs::PermissionsExt::from_mode(0o700)).unwrap();
+        let mut movie = Mp4::begin(&program, &path, 3, &frames()[0])?;
+        frames()[1..].iter().try_for_each(|frame| movie.push(frame))?;
+        movie.finish()
+    };
+    encode("echo \"$@\" > \"$0.args\"; for file; do :; done; cat > \"${file#file:}\"").unwrap();
+    let raw: Vec<u8> = frames().iter().flat_map(RgbImage::pixels).flatten().collect();
+    assert_eq!(std::fs::read(&path).unwrap(), raw);
+    let args = std::fs::read_to_string(dir.path().join("ffmpeg.args")).unwrap();
+    assert!(args.contains("-s 40x40 -r 20/3 -i -") && args.contains("yuv420p"), "{args}");
+    let error = encode("echo Unknown encoder >&2; exit 1").unwrap_err();
+    assert_eq!(error.to_string(), "ffmpeg failed: Unknown encoder");
+}
+
+#[test]
 fn unfinished_movie_leaves_no_file() {
     let dir = tempfile::tempdir().unwrap();
     for format in [MovieFormat::Apng, MovieFormat::Gif] {
@@ -88,8 +140,9 @@ fn unfinished_movie_leaves_no_file() {
 fn format_follows_from_extension() {
     assert_eq!(MovieFormat::from_path(Path::new("a/b.GIF")), Ok(MovieFormat::Gif));
     assert_eq!(MovieFormat::from_path(Path::new("b.apng")), Ok(MovieFormat::Apng));
-    for unknown in ["a/b.mp4", "gif", "a.gif.part"] {
+    assert_eq!(MovieFormat::from_path(Path::new("b.mp4")), Ok(MovieFormat::Mp4));
+    for unknown in ["a/b.avi", "gif", "a.gif.part"] {
         let error = MovieFormat::from_path(Path::new(unknown)).unwrap_err();
-        assert_eq!(error.to_string(), format!("{unknown}: a movie's name ends in .png, .apng, .gif"));
+        assert_eq!(error.to_string(), format!("{unknown}: a movie's name ends in .png, .apng, .gif, .mp4"));
     }
 }

@@ -6,6 +6,7 @@ use super::apng::Apng;
 use super::error::{EncodeError, MovieError};
 use super::format::MovieFormat;
 use super::gif::Gif;
+use super::mp4::{FFMPEG, Mp4};
 use super::part_file::PartFile;
 use crate::show::contact_sheet::RgbImage;
 
@@ -21,6 +22,7 @@ pub struct MovieWriter {
 enum Encoder {
     Apng(Apng),
     Gif(Gif),
+    Mp4(Mp4),
 }
 
 impl MovieWriter {
@@ -45,6 +47,9 @@ impl MovieWriter {
             MovieFormat::Gif => {
                 Gif::begin(buffer, steps_per_frame, &first).map(Encoder::Gif).map_err(EncodeError::from)
             }
+            MovieFormat::Mp4 => Mp4::begin(Path::new(FFMPEG), file.part_path(), steps_per_frame, &first)
+                .map(Encoder::Mp4)
+                .map_err(EncodeError::from),
         };
         Ok(Self { encoder: encoder.map_err(|source| file.write_error(source))?, file, previous: first })
     }
@@ -61,6 +66,7 @@ impl MovieWriter {
         match &mut self.encoder {
             Encoder::Apng(apng) => apng.push(&frame, &self.previous).map_err(EncodeError::from),
             Encoder::Gif(gif) => gif.push(&frame, &self.previous).map_err(EncodeError::from),
+            Encoder::Mp4(mp4) => mp4.push(&frame).map_err(EncodeError::from),
         }
         .map_err(|source| self.file.write_error(source))?;
         self.previous = frame;
@@ -75,6 +81,7 @@ impl MovieWriter {
         match self.encoder {
             Encoder::Apng(apng) => apng.finish().map_err(EncodeError::from),
             Encoder::Gif(gif) => gif.finish().map_err(EncodeError::from),
+            Encoder::Mp4(mp4) => mp4.finish().map_err(EncodeError::from),
         }
         .map_err(|source| self.file.write_error(source))?;
         self.file.publish()
