@@ -22,7 +22,7 @@ pub use episode::{Actor, EpisodeSpec};
 pub use error::ShowError;
 pub use frame_renderer::{Legend, ViewMode};
 pub use high_res::HighResScene;
-pub use outcome::Outcome;
+pub use outcome::EpisodeSummary;
 pub use segmentation::LegendEntry;
 pub use sequence::FrameSequence;
 
