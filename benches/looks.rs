@@ -123,7 +123,7 @@ fn render(path: &Path) -> Result<Vec<(&'static str, CameraImage)>> {
     let scene = &start.scene;
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     start.world(&Parameters::default()).write_snapshot(&mut snapshot);
-    let images = CpuRenderer::new(1).photograph(&RenderScene::new(scene), &snapshot);
+    let images = CpuRenderer::new(1).render_cameras(&RenderScene::new(scene), &snapshot);
     let names = scene.cameras.iter().map(|camera| camera_name(camera.slot, scene.robots.len()));
     Ok(names.zip(images.into_iter().map(|(side, rgb)| CameraImage { side, rgb })).collect())
 }

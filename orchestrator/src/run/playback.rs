@@ -91,8 +91,8 @@ pub(crate) fn write_movie(
         let step = step.min(recording.n_frames());
         let snapshot = recording.snapshot(step);
         let images = match grid {
-            Some(_) => vec![scene.photograph_camera(&mut renderer, snapshot, 0)],
-            None => scene.photograph(&mut renderer, snapshot),
+            Some(_) => vec![scene.render_camera(&mut renderer, snapshot, 0)],
+            None => scene.render_cameras(&mut renderer, snapshot),
         };
         Panel { caption: format!("{title}\n{}", recording.outcome().after(step as u32)), images }
     };

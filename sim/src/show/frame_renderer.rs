@@ -104,7 +104,7 @@ impl FrameRenderer {
             (0..scene.n_cameras()).map(camera).collect()
         };
         match legend {
-            Legend::Rgb => renderer.photograph(scene, snapshot),
+            Legend::Rgb => renderer.render_cameras(scene, snapshot),
             Legend::Depth(range) => for_each_camera(&|inspection| {
                 inspection.depth_m.iter().flat_map(|depth_m| range.color_of(*depth_m)).collect()
             }),

@@ -29,13 +29,13 @@ impl HighResScene {
     }
 
     /// Renders all cameras. Returns each camera's side in px and its `[side, side, 3] u8` sRGB image. At
-    /// scale 1 the result is identical to [`CpuRenderer::photograph`].
+    /// scale 1 the result is identical to [`CpuRenderer::render_cameras`].
     ///
     /// # Panics
     /// If the snapshot does not belong to the scene.
     #[must_use]
-    pub fn photograph(&self, renderer: &mut CpuRenderer, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
-        let tiles = renderer.photograph(&self.tiles, snapshot);
+    pub fn render_cameras(&self, renderer: &mut CpuRenderer, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
+        let tiles = renderer.render_cameras(&self.tiles, snapshot);
         tiles.chunks_exact(self.scale * self.scale).map(|tiles| self.assemble(tiles)).collect()
     }
 
@@ -44,7 +44,7 @@ impl HighResScene {
     /// # Panics
     /// If the snapshot does not belong to the scene, or the scene has no such camera.
     #[must_use]
-    pub fn photograph_camera(
+    pub fn render_camera(
         &self,
         renderer: &mut CpuRenderer,
         snapshot: &Snapshot,

@@ -14,7 +14,7 @@ fn edges_stay_within_one_pixel() {
     scene.bodies.push(body("cube", Primitive::Box { half: [0.1; 3] }, [0.0, 0.0, 0.5], BLUE));
     let snapshot = initial_snapshot(&scene);
     for factor in [1, 2, 3, 8] {
-        let images = HighResScene::new(&scene, factor).photograph(&mut CpuRenderer::new(1), &snapshot);
+        let images = HighResScene::new(&scene, factor).render_cameras(&mut CpuRenderer::new(1), &snapshot);
         let [(side, image)] = &images[..] else { panic!("{} cameras", images.len()) };
         assert_eq!((*side, image.len()), (224 * factor, (224 * factor).pow(2) * 3));
         let blue = pixels_where(image, *side, is_blue);
@@ -34,9 +34,13 @@ fn factor_one_is_identical_and_three_samples_centres() {
     for task in [TaskId::PickDishFromRack, TaskId::DualArmPourPot] {
         let (scene, snapshot) = first_scene(task);
         let mut renderer = CpuRenderer::new(1);
-        let base = renderer.photograph(&RenderScene::new(&scene), &snapshot);
-        assert!(HighResScene::new(&scene, 1).photograph(&mut renderer, &snapshot) == base, "{}", task.name());
-        let large = HighResScene::new(&scene, 3).photograph(&mut renderer, &snapshot);
+        let base = renderer.render_cameras(&RenderScene::new(&scene), &snapshot);
+        assert!(
+            HighResScene::new(&scene, 1).render_cameras(&mut renderer, &snapshot) == base,
+            "{}",
+            task.name()
+        );
+        let large = HighResScene::new(&scene, 3).render_cameras(&mut renderer, &snapshot);
         for ((side, image), (large_side, large)) in base.iter().zip(&large) {
             assert_eq!(*large_side, 3 * side);
             // Edges may round differently.

@@ -12,10 +12,10 @@ use crate::common::{first_scene, perturbed};
 
 /// Renders all images of a scene at some snapshots, each with a new renderer.
 fn render_independently(scene: &Scene, options: CpuOptions, snapshots: &[Snapshot]) -> Vec<Vec<u8>> {
-    let photograph = |snapshot| {
-        CpuRenderer::with_options(1, options).photograph(&RenderScene::new(scene), snapshot).into_iter()
+    let images = |snapshot| {
+        CpuRenderer::with_options(1, options).render_cameras(&RenderScene::new(scene), snapshot).into_iter()
     };
-    snapshots.iter().flat_map(photograph).map(|(_, image)| image).collect()
+    snapshots.iter().flat_map(images).map(|(_, image)| image).collect()
 }
 
 /// Renders all images of a scene at some snapshots with one renderer, and another scene in between.
@@ -120,7 +120,7 @@ fn renderer_keeps_scenes_apart() {
         renderer.draw(&mut views);
         for (i, ((scene, snapshot), together)) in scenes.iter().zip(&together).enumerate() {
             let options = CpuOptions { static_layers: false, samples: Samples::One };
-            let alone = CpuRenderer::with_options(1, options).photograph(scene, snapshot);
+            let alone = CpuRenderer::with_options(1, options).render_cameras(scene, snapshot);
             for (camera_idx, ((_, alone), together)) in alone.iter().zip(together).enumerate() {
                 assert!(alone == together, "{task:?}: scene {i}, camera {camera_idx}");
             }

@@ -173,7 +173,7 @@ impl DemoPlan {
             if stopped.load(Ordering::Relaxed) {
                 return Ok(None);
             }
-            let drawn = renderer.photograph(&view, recording.snapshot(frame));
+            let drawn = renderer.render_cameras(&view, recording.snapshot(frame));
             for (of_camera, (side, pixels)) in images.iter_mut().zip(drawn) {
                 of_camera.push(&pixels, format.encode(&pixels, side)?);
             }

@@ -82,7 +82,7 @@ impl CpuRenderer {
     /// # Panics
     /// If the snapshot does not belong to the scene.
     #[must_use]
-    pub fn photograph(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
+    pub fn render_cameras(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
         let sides = (0..scene.n_cameras()).map(|camera_idx| scene.side(camera_idx));
         let mut images: Vec<_> = sides.map(|side| (side, vec![0; side * side * 3])).collect();
         let views = images.iter_mut().enumerate();

@@ -205,7 +205,7 @@ fn reference_hashes() -> (u64, u64) {
     let mut renderer = CpuRenderer::with_options(1, CpuOptions::default());
     let mut hash = Xxh3Default::new();
     let scene = RenderScene::new(recording.scene());
-    for (_, image) in renderer.photograph(&scene, recording.snapshot(0)) {
+    for (_, image) in renderer.render_cameras(&scene, recording.snapshot(0)) {
         hash.update(&image);
     }
     (recording.fingerprint(), hash.digest())

@@ -200,7 +200,7 @@ mod tests {
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
         let scene = RenderScene::new(scene);
-        let _images = renderer.photograph(&scene, &snapshot);
+        let _images = renderer.render_cameras(&scene, &snapshot);
         let layer = SceneCache::of(&scene).layers[0].lock().unwrap_or_else(PoisonError::into_inner).clone();
         (scene, layer.expect("a static camera must have a layer"))
     }
@@ -216,7 +216,7 @@ mod tests {
             let render = RenderScene::new(&scene);
             let mut cached = || {
                 world.write_snapshot(&mut snapshot);
-                let _images = renderer.photograph(&render, &snapshot);
+                let _images = renderer.render_cameras(&render, &snapshot);
                 world.step(&vec![0.3; scene.robots.len() * 7]);
                 let layers = SceneCache::of(&render).layers.iter().map(|layer| layer.lock().unwrap().clone());
                 (layers.collect::<Vec<_>>(), SceneCache::of(&render).static_heights.lock().unwrap().clone())
