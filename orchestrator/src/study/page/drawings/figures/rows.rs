@@ -5,7 +5,7 @@ use crate::study::page::drawings::canvas::{
     Axis, Canvas, Color, FigureLegend, GRID, INK, MARGIN, NARROW_MARGIN, TextAnchor, column_width, svgs,
 };
 
-/// What all rows have in common.
+/// The frame of a chart: what all rows have in common.
 pub(crate) struct RowChart<'a> {
     pub(crate) legend: FigureLegend,
     /// Values at the ends of the axis.
