@@ -52,8 +52,8 @@ pub struct Panel {
     pub images: Vec<(usize, Vec<u8>)>,
 }
 
-/// Lays out panels on a grid of `columns` columns, in row-major order, and repeats every pixel of their images
-/// `upscale` times along both axes.
+/// Lays out panels on a grid of `columns` columns, in row-major order, and repeats every pixel of their
+/// images `upscale` times along both axes.
 ///
 /// # Panics
 /// If there are no images, if `columns` or `upscale` is 0, or if an image's length does not match its side.

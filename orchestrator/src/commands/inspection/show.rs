@@ -186,8 +186,8 @@ fn write_sheet(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
     print_legend(frames.legend(), path)
 }
 
-/// Writes one PNG with the image of an external camera at the start of an episode of each selected task, or at
-/// three moments.
+/// Writes one PNG with the image of an external camera at the start of an episode of each selected task, or
+/// at three moments.
 fn write_gallery(args: &ShowArgs) -> anyhow::Result<ExitStatus> {
     let &ShowArgs { strength, profile, what, samples, policy: actor, .. } = args;
     if args.camera.is_some() || args.movie.is_some() || args.episodes > 1 || what != ViewMode::Rgb {
