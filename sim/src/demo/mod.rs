@@ -13,7 +13,7 @@ use crate::expert::{self, Expert, MotionPlanError};
 use crate::physics::fingerprint::Fingerprint;
 use crate::physics::{Parameters, World};
 use crate::predicate::{Predicate, first_unmet};
-use crate::show::{EpisodeSpec, EpisodeSummary, snapshot};
+use crate::show::{EpisodeSpec, EpisodeStatus, snapshot};
 use crate::trajectory::Start;
 use scene::{Scene, Snapshot};
 
@@ -161,8 +161,8 @@ impl Recording {
 
     /// Returns the number of control steps and the first after which all success predicates held.
     #[must_use]
-    pub fn outcome(&self) -> EpisodeSummary {
-        EpisodeSummary { first_success: self.first_success, n_steps: self.n_frames() as u32 }
+    pub fn outcome(&self) -> EpisodeStatus {
+        EpisodeStatus { first_success: self.first_success, n_steps: self.n_frames() as u32 }
     }
 
     /// Returns the fingerprint: a hash of the initial state, the actions and all resulting states, as

@@ -4,7 +4,7 @@ use ipc_types::ControlMode;
 use ipc_types::layout::MAX_ACTION_DIM;
 
 use super::error::ShowError;
-use super::outcome::EpisodeSummary;
+use super::status::EpisodeStatus;
 use crate::expert::{Expert, MotionPlanError, write_hold_action};
 use crate::perturb::{Composition, Perturbation, Strength};
 use crate::physics::World;
@@ -72,7 +72,7 @@ impl EpisodeSpec {
         scene: &Scene,
         actor: Actor,
         end: RolloutEnd,
-    ) -> Result<(Vec<Snapshot>, EpisodeSummary), ShowError> {
+    ) -> Result<(Vec<Snapshot>, EpisodeStatus), ShowError> {
         let task = self.task.task();
         let mut act = actor.act_fn(task, scene)?;
         let mut world = World::build(scene, ControlMode::JointPos);
@@ -96,7 +96,7 @@ impl EpisodeSpec {
             }
         }
         let n_steps = snapshots.len() as u32 - 1;
-        Ok((snapshots, EpisodeSummary { first_success, n_steps }))
+        Ok((snapshots, EpisodeStatus { first_success, n_steps }))
     }
 }
 

@@ -12,9 +12,9 @@ mod error;
 mod frame_renderer;
 mod high_res;
 pub mod movie;
-mod outcome;
 mod segmentation;
 mod sequence;
+mod status;
 
 pub use depth::DepthRange;
 pub(crate) use episode::snapshot;
@@ -22,9 +22,9 @@ pub use episode::{Actor, EpisodeSpec};
 pub use error::ShowError;
 pub use frame_renderer::{Legend, ViewMode};
 pub use high_res::HighResScene;
-pub use outcome::EpisodeSummary;
 pub use segmentation::LegendEntry;
 pub use sequence::FrameSequence;
+pub use status::EpisodeStatus;
 
 /// Text in the first bytes of every image and movie, by which the program recognises its own files.
 pub const MARK: &str = "written-by: hypogeum";

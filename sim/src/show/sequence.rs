@@ -6,7 +6,7 @@ use super::contact_sheet::{self, Panel, RgbImage};
 use super::episode::{Actor, EpisodeSpec, RolloutEnd, snapshot};
 use super::error::ShowError;
 use super::frame_renderer::{FrameRenderer, Legend, SequenceFrame, ViewMode};
-use super::outcome::EpisodeSummary;
+use super::status::EpisodeStatus;
 use crate::physics::World;
 use render::{RenderScene, Samples};
 
@@ -25,8 +25,8 @@ pub struct FrameSequence {
     instructions: Vec<String>,
     /// Instruction that policies of the task are trained with.
     training_instruction: &'static str,
-    /// EpisodeSummary of the episode, unless only its start is shown.
-    outcome: Option<EpisodeSummary>,
+    /// EpisodeStatus of the episode, unless only its start is shown.
+    outcome: Option<EpisodeStatus>,
     /// The only camera shown, if not all are.
     camera_idx: Option<usize>,
     frames: Vec<SequenceFrame>,

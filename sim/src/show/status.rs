@@ -2,14 +2,14 @@
 
 /// Length of an episode and its success.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct EpisodeSummary {
+pub struct EpisodeStatus {
     /// First control step after which all success predicates held.
     pub first_success: Option<u32>,
     /// Number of control steps.
     pub n_steps: u32,
 }
 
-impl EpisodeSummary {
+impl EpisodeStatus {
     /// Describes the episode after `step` control steps: what has become of it so far.
     #[must_use]
     pub fn after(self, step: u32) -> String {
@@ -29,7 +29,7 @@ mod tests {
     #[test]
     fn description_follows_step_and_success() {
         let described = |first_success| {
-            let outcome = EpisodeSummary { first_success, n_steps: 9 };
+            let outcome = EpisodeStatus { first_success, n_steps: 9 };
             [0, 6, 7, 9].map(|step| outcome.after(step))
         };
         let (failed, succeeded) = (described(None), described(Some(7)));
