@@ -1,5 +1,7 @@
 //! Errors of adapters and devices, on a software driver.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::time::Duration;
 
 use gpu::{AdapterKind, DeviceBuffer, DeviceRequirements, GpuDevice, GpuError};

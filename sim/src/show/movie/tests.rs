@@ -89,16 +89,18 @@ fn gif_with_many_colors_is_close() {
     options.set_color_output(gif::ColorOutput::RGBA);
     let mut decoder = options.read_info(File::open(&path).unwrap()).unwrap();
     let decoded = decoder.read_next_frame().unwrap().unwrap().buffer.to_vec();
-    let mut decoded_as = BTreeMap::new();
+    let (mut decoded_as, mut errors) = (BTreeMap::new(), Vec::new());
     for (found, expected) in decoded.as_chunks::<4>().0.iter().zip(frame.pixels()) {
-        let error = (0..3).map(|c| found[c].abs_diff(expected[c])).max().unwrap();
-        assert!(error <= 24, "{expected:?} became {found:?}");
+        errors.push((0..3).map(|c| found[c].abs_diff(expected[c])).max().unwrap());
         assert_eq!(decoded_as.entry(expected).or_insert(*found), found, "{expected:?} is dithered");
     }
+    // A quarter of the colours have to do for all of them, which are 8 codes apart.
+    let mean = errors.iter().map(|error| f64::from(*error)).sum::<f64>() / errors.len() as f64;
+    assert!(mean < 8.0 && errors.iter().all(|error| *error <= 32), "mean {mean}");
 }
 
 #[test]
-fn mp4_without_ffmpeg_names_the_cure() {
+fn mp4_without_ffmpeg_says_what_to_do() {
     let dir = tempfile::tempdir().unwrap();
     let begin = |program: &Path| Mp4::begin(program, &dir.path().join("x.mp4"), 1, &frames()[0]);
     let error = begin(&dir.path().join("ffmpeg")).err().unwrap().to_string();
