@@ -9,6 +9,7 @@ use sim::serve::SimError;
 use sim::serve::protocol::SimConfig;
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};
+use crate::fleet::tell_kernel;
 
 /// Arguments of the child processes.
 #[derive(Debug, Args)]
@@ -52,7 +53,7 @@ pub(crate) fn reap(args: &ChildArgs) -> Result<ExitStatus, Failure> {
 /// Sets the name that `top` and `ps` show, at most 15 bytes. The kernel's is that of the link to the program.
 fn rename_process(name: &str) {
     // A cosmetic matter, which no child fails for.
-    let _ = std::fs::write("/proc/self/comm", name);
+    let _ = tell_kernel("/proc/self/comm", name);
 }
 
 /// Ends a child that has served. If its parent was killed, the last child removes the run's shared memory.

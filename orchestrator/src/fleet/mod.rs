@@ -26,6 +26,7 @@ use self::event::SupervisorEvent;
 pub(crate) use self::event::{FleetEvent, Observer, RunStatus};
 pub(crate) use self::folder::runtime_folder;
 use self::processes::Processes;
+pub(crate) use self::processes::tell_kernel;
 use self::queue::JobQueue;
 use self::supervisor::Supervisor;
 pub(crate) use self::tuning::env_choice::{EnvChoice, EnvTrial};

@@ -17,6 +17,7 @@ use rustix::process::{Resource, getrlimit};
 use self::clock::RunningClock;
 use self::member::{ChildExit, MemberRole};
 use self::process::ChildProcess;
+pub(crate) use self::process::tell_kernel;
 use super::children::Children;
 use super::event::SupervisorEvent;
 
