@@ -1,6 +1,7 @@
 //! Rendering of frames as colour, depth or segmentation images.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use super::depth::DepthRange;
 use super::segmentation::{LegendEntry, color_of, legend};
@@ -96,15 +97,20 @@ impl FrameRenderer {
         n_pixels.into_values().filter(|n| *n >= VISIBLE_PIXELS).count()
     }
 
-    /// Renders all cameras. Returns each camera's side in px and its `[side, side, 3] u8` sRGB image.
-    pub(crate) fn render(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
+    /// Renders some cameras. Returns each camera's side in px and its `[side, side, 3] u8` sRGB image.
+    pub(crate) fn render(
+        &mut self,
+        scene: &RenderScene,
+        snapshot: &Snapshot,
+        cameras: Range<usize>,
+    ) -> Vec<(usize, Vec<u8>)> {
         let Self { renderer, legend } = self;
         let mut for_each_camera = |to_image: &dyn Fn(Inspection) -> Vec<u8>| {
             let camera = |idx| (scene.side(idx), to_image(renderer.inspect(scene, snapshot, idx)));
-            (0..scene.n_cameras()).map(camera).collect()
+            cameras.clone().map(camera).collect()
         };
         match legend {
-            Legend::Rgb => renderer.render_cameras(scene, snapshot),
+            Legend::Rgb => renderer.render_camera_range(scene, snapshot, cameras.clone()),
             Legend::Depth(range) => for_each_camera(&|inspection| {
                 inspection.depth_m.iter().flat_map(|depth_m| range.color_of(*depth_m)).collect()
             }),

@@ -4,7 +4,7 @@
 
 use std::ops::RangeInclusive;
 
-use render::{CpuRenderer, RenderScene, View};
+use render::{CpuRenderer, RenderScene};
 use scene::{Scene, Snapshot};
 
 /// A scene whose cameras have `scale` times as many pixels along each edge as the observation cameras.
@@ -51,20 +51,8 @@ impl HighResScene {
         camera_idx: usize,
     ) -> (usize, Vec<u8>) {
         let n_tiles = self.scale * self.scale;
-        let side = self.tiles.side(camera_idx * n_tiles);
-        let mut tiles = vec![(side, vec![0; side * side * 3]); n_tiles];
-        let mut views: Vec<View<'_>> = tiles
-            .iter_mut()
-            .enumerate()
-            .map(|(tile, (_, out))| View {
-                scene: &self.tiles,
-                snapshot,
-                camera_idx: camera_idx * n_tiles + tile,
-                out,
-            })
-            .collect();
-        renderer.draw(&mut views);
-        self.assemble(&tiles)
+        let first = camera_idx * n_tiles;
+        self.assemble(&renderer.render_camera_range(&self.tiles, snapshot, first..first + n_tiles))
     }
 
     /// Assembles the tiles of one camera into one image.

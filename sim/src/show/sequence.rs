@@ -25,7 +25,7 @@ pub struct FrameSequence {
     instructions: Vec<String>,
     /// Instruction that policies of the task are trained with.
     training_instruction: &'static str,
-    /// EpisodeStatus of the episode, unless only its start is shown.
+    /// Length and success of the episode, unless only its start is shown.
     outcome: Option<EpisodeStatus>,
     /// The only camera shown, if not all are.
     camera_idx: Option<usize>,
@@ -215,10 +215,8 @@ impl FrameSequence {
 
     fn images(&mut self, frame_idx: usize) -> Vec<(usize, Vec<u8>)> {
         let SequenceFrame { scene_idx, snapshot, .. } = &self.frames[frame_idx];
-        let mut images = self.renderer.render(&self.scenes[*scene_idx], snapshot);
-        match self.camera_idx {
-            Some(idx) => vec![images.swap_remove(idx)],
-            None => images,
-        }
+        let scene = &self.scenes[*scene_idx];
+        let cameras = self.camera_idx.map_or(0..scene.n_cameras(), |idx| idx..idx + 1);
+        self.renderer.render(scene, snapshot, cameras)
     }
 }

@@ -10,7 +10,7 @@ pub struct EpisodeStatus {
 }
 
 impl EpisodeStatus {
-    /// Describes the episode after `step` control steps: what has become of it so far.
+    /// Describes the state of the episode after `step` control steps.
     #[must_use]
     pub fn after(self, step: u32) -> String {
         let status = match self.first_success {

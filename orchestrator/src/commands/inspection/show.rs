@@ -144,7 +144,7 @@ impl ShowPlan {
         Ok(Self { episodes, what, samples, actor, camera_idx, titles })
     }
 
-    /// Applies what is shown of frames.
+    /// Applies the number of samples and the choice of camera.
     fn prepared(&self, frames: FrameSequence) -> FrameSequence {
         let frames = frames.with_samples(self.samples);
         match self.camera_idx {

@@ -105,7 +105,7 @@ impl SpeedPlan {
         }
     }
 
-    /// Returns why a point would take too long, judged by the series' previous one.
+    /// Returns why a point would take too long, judged by the previous point of its series.
     pub(crate) fn too_slow(&self, point: &PlannedPoint, measured: &[SpeedPoint]) -> Option<String> {
         let previous = measured.iter().rfind(|previous| previous.series == point.series)?;
         let seconds = point.min_steps as f64 / previous.env_steps_per_s;

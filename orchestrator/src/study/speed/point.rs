@@ -36,9 +36,9 @@ pub(crate) struct SpeedPoint {
     pub(crate) wall_s: f64,
     /// `env_steps / wall_s`.
     pub(crate) env_steps_per_s: f64,
-    /// The same of every round, ascending. The point is the round with the median.
+    /// `env_steps_per_s` of every round, ascending. The other figures are those of the median round.
     pub(crate) rounds_env_steps_per_s: Vec<f64>,
-    /// Register peak of a core in GFLOP/s just before, which tells how fast the machine was.
+    /// Register peak in GFLOP/s, measured just before: a gauge of how fast the machine was.
     pub(crate) peak_gflop: Option<f64>,
     /// Wall seconds before and after that window: start and end of all processes.
     pub(crate) overhead_s: f64,
@@ -135,7 +135,7 @@ impl SpeedPoint {
         })
     }
 
-    /// Returns the number of envs, and that the program chose it.
+    /// Returns the number of envs as text, marked if the program chose it.
     pub(crate) fn envs_text(&self) -> String {
         match self.envs {
             Amount::Fixed(envs) => envs.to_string(),

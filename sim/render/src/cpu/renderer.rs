@@ -1,5 +1,6 @@
 //! The renderer: it divides views among threads, each with a workspace of its own.
 
+use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
 use rayon::prelude::*;
@@ -83,9 +84,23 @@ impl CpuRenderer {
     /// If the snapshot does not belong to the scene.
     #[must_use]
     pub fn render_cameras(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
-        let sides = (0..scene.n_cameras()).map(|camera_idx| scene.side(camera_idx));
+        self.render_camera_range(scene, snapshot, 0..scene.n_cameras())
+    }
+
+    /// Renders the images of some cameras of a scene, as [`Self::render_cameras`] does those of all.
+    ///
+    /// # Panics
+    /// If the snapshot does not belong to the scene, or a camera does not exist.
+    #[must_use]
+    pub fn render_camera_range(
+        &mut self,
+        scene: &RenderScene,
+        snapshot: &Snapshot,
+        cameras: Range<usize>,
+    ) -> Vec<(usize, Vec<u8>)> {
+        let sides = cameras.clone().map(|camera_idx| scene.side(camera_idx));
         let mut images: Vec<_> = sides.map(|side| (side, vec![0; side * side * 3])).collect();
-        let views = images.iter_mut().enumerate();
+        let views = cameras.zip(&mut images);
         let mut views: Vec<View<'_>> =
             views.map(|(camera_idx, (_, out))| View { scene, snapshot, camera_idx, out }).collect();
         self.draw(&mut views);
