@@ -9,7 +9,7 @@ use super::timing::{Configuration, MotionLimits, time_parametrise};
 use super::topp::time_optimal;
 use crate::physics::CONTROL_HZ;
 use crate::robot::control::{Drive, arm_drive};
-use crate::robot::dynamics::{self, LinkInertias};
+use crate::robot::dynamics::{self, Dynamics, LinkInertias};
 use crate::robot::ik;
 use scene::Scene;
 use scene::robot::kinematics::{self, Joints};
@@ -77,15 +77,12 @@ impl FreeArm {
 
     /// Advances by one control step towards the targets.
     fn step(&mut self, targets: &Joints) {
-        let inverse_inertia = self
-            .inertias
-            .matrix(&self.q)
-            .cholesky()
-            .expect("an inertia matrix is positive definite")
-            .inverse();
+        let Dynamics { inertia, bias } = self.inertias.at(&kinematics::links(&self.q), &self.v);
+        let inverse = inertia.cholesky().expect("an inertia matrix is positive definite").inverse();
         for _ in 0..self.physics_hz / CONTROL_HZ as u32 {
             let dt = 1.0 / f64::from(self.physics_hz);
-            dynamics::advance(&mut self.q, &mut self.v, targets, self.drive, &inverse_inertia, dt);
+            let path = dynamics::advance(&self.q, &mut self.v, targets, self.drive, &inverse, &bias, dt);
+            self.q = path[path.len() - 1];
         }
     }
 }

@@ -1,442 +1,422 @@
-//! One arm as a multibody: construction, joint drives and state readout.
+//! One arm: construction, joint drives and state readout.
 //!
-//! The drives are implicit springs and dampers of the multibody itself, because constraint motors slip and
-//! joints between free bodies sag. An arm never steps its world.
+//! Where an arm touches nothing, its motion is known (`robot::dynamics`). What a contact changes of it
+//! depends on the inertia matrix with the drives' springs and dampers, which yield to contacts implicitly.
 
 use ipc_types::ControlMode;
-use nalgebra::{Isometry3, Vector3};
-use rapier3d::dynamics::{
-    MassProperties, Multibody, MultibodyDofCoupling, MultibodyIndex, MultibodyJointSet, RigidBodyBuilder,
-    RigidBodyHandle,
-};
-use rapier3d::geometry::{ColliderHandle, Group, InteractionGroups, NarrowPhase};
-use rapier3d::pipeline::{ActiveHooks, PhysicsWorld};
+use nalgebra::{Isometry3, Translation3, Vector3};
+use rapier3d::dynamics::{RigidBodyBuilder, RigidBodyHandle};
+use rapier3d::geometry::InteractionGroups;
+use rapier3d::math::{Pose, Vector};
+use rapier3d::pipeline::PhysicsWorld;
 
 use super::bodies::{HAND, LINK, collider, collision_groups};
-use super::convert::{from_pose, from_vector, to_matrix, to_pose, to_vector};
-use super::hooks::{ARM_PREDICTION_M, FINGER};
-use super::joint::{axis, coordinate_idx, single_dof_joint};
+use super::convert::{from_pose, from_vector, to_pose, to_vector};
+use super::solver::point::{Kind, Tag};
+use super::solver::{ConstraintRow, Constraints, Coordinates, N_COORDINATES, RowSide, Softness, Stop};
 use super::{ArmState, Parameters};
 use crate::robot::control::{Drive, FINGER_DRIVE, Targets, arm_drive, targets};
-use crate::robot::dynamics::{self, JointMatrix, LinkInertias};
-use scene::robot::kinematics::Joints;
+use crate::robot::dynamics::{self, Dynamics, JointMatrix, LinkInertias, Path};
+use scene::robot::kinematics::{self, Joints};
 use scene::robot::panda::{
-    CollisionShape, FINGER_OPEN, Inertia, LOWER, N_DOFS, N_JOINTS, UPPER, finger_in_link7, finger_inertia,
-    finger_shapes, hand_in_link7, hand_shapes, joint_origin, link_inertia, link_shapes, tcp_in_link7,
+    CollisionShape, FINGER_OPEN, LOWER, N_DOFS, N_JOINTS, UPPER, finger_in_link7, finger_inertia,
+    finger_shapes, hand_in_link7, hand_shapes, link_shapes, tcp_in_link7,
 };
-use scene::{ArmLinks, JointKind, Link, N_LINKS, Robot};
+use scene::{ArmLinks, Link, N_LINKS, Robot};
 
 /// Friction coefficient of links and hand.
 const LINK_FRICTION: f32 = 0.3;
-/// Collision groups of the links, and of hand and fingers.
-const LINK_GROUPS: InteractionGroups = collision_groups(LINK, Group::ALL);
-const HAND_GROUPS: InteractionGroups = collision_groups(HAND, Group::ALL);
-/// Makes both fingers move alike, as in the original.
-const FINGER_COUPLING: MultibodyDofCoupling = MultibodyDofCoupling {
-    link1: N_JOINTS + 1,
-    dof1: 0,
-    axis1: 0,
-    link2: N_JOINTS + 2,
-    dof2: 0,
-    axis2: 0,
-    coeff: 1.0,
-    offset: 0.0,
-};
+/// Coordinate of both fingers, which move alike, as in the original.
+const FINGERS: usize = N_JOINTS;
+/// Number of the link that is the first finger.
+const FIRST_FINGER: usize = N_JOINTS + 1;
 /// Maximum speed of a joint after a physics step, in rad/s or m/s: the default of PhysX.
 const MAX_JOINT_SPEED: f32 = 100.0;
 /// Distance from a joint limit within which the limit is part of the solver's problem, in rad and m: farther
 /// than a joint moves in a physics step.
-const NEAR_LIMIT: [f64; 2] = [0.1, 0.01];
-/// Distance inside a joint limit at which rapier's constraint begins to act, in rad or m. A joint that is
-/// exactly at its limit must be held there.
-const LIMIT_MARGIN: f64 = 1e-6;
+const NEAR_LIMIT: [f32; 2] = [0.1, 0.01];
 /// Minimum force on each finger for a grasp, in N.
 const MIN_GRASP_FORCE_N: f32 = 0.5;
 /// Cosine of the maximum angle, 85°, between that force and the finger's opening direction.
 const MIN_GRASP_COS: f32 = 0.087_155_74;
 
-/// Handles and drive state of one arm in a rapier world.
+/// One arm in a world.
 pub(crate) struct Arm {
-    multibody: MultibodyIndex,
-    /// Links 0 to 7, then the two fingers.
-    links: [RigidBodyHandle; N_DOFS + 1],
-    fingers: [Vec<ColliderHandle>; 2],
+    /// Number among the world's things.
+    pub(crate) thing: usize,
+    /// `true` if a contact acts on it in the current physics step.
+    pub(crate) touches: bool,
+    /// Links 0 to 7, then the two fingers, and their world poses.
+    links: [(RigidBodyHandle, Pose); N_DOFS + 1],
+    base: Isometry3<f64>,
     drive: Drive,
     targets: Targets,
     inertias: LinkInertias,
-    /// The next physics step if the arm touches nothing.
-    prediction: Prediction,
-    /// Added to the joint velocities after a physics step.
-    velocity_correction: Joints,
+    /// Positions of joints 1 to 7 (rad) and of both fingers (m).
+    position: Coordinates,
+    /// Poses of links 1 to 7 at these positions, in the base frame.
+    poses: [Isometry3<f64>; N_JOINTS],
+    /// The current physics step if the arm touches nothing.
+    free: FreeMotion,
+    response: Response,
     hand_in_link7: Isometry3<f32>,
     tcp_in_link7: Isometry3<f32>,
 }
 
+/// A physics step of an arm that touches nothing.
+#[derive(Default)]
+struct FreeMotion {
+    /// Positions on the way, of the joints and of the fingers.
+    path: (Path<Joints>, Path<f64>),
+    /// Velocities after the step.
+    velocity: Coordinates,
+    /// Inertia matrix of the joints, in kg·m².
+    inertia: JointMatrix,
+}
+
+impl FreeMotion {
+    /// Returns the mean velocities in one of `n` substeps, each of `h` seconds.
+    fn mean_velocity(&self, substep: usize, n: usize, h: f64) -> Coordinates {
+        let (joints, finger) = &self.path;
+        let n_iterations = joints.len() - 1;
+        let at = |substep: usize| {
+            let time = (substep * n_iterations) as f64 / n as f64;
+            let (before, share) = ((time as usize).min(n_iterations - 1), time.fract());
+            (before, if substep == n { 1.0 } else { share })
+        };
+        let position = |i: usize, (before, share): (usize, f64)| {
+            let [a, b] = [before, before + 1].map(|k| if i == FINGERS { finger[k] } else { joints[k][i] });
+            a + (b - a) * share
+        };
+        let (from, to) = (at(substep), at(substep + 1));
+        core::array::from_fn(|i| ((position(i, to) - position(i, from)) / h) as f32)
+    }
+}
+
+/// Effect of impulses on the motion, in substeps of one length.
+#[derive(Default)]
+struct Response {
+    /// Inverse of the inertia matrix with the drives' springs and dampers.
+    inverse: [Coordinates; N_COORDINATES],
+    /// Axes in the world frame: of the joints, and along which the first finger opens. Points on them.
+    axes: [Vector; N_COORDINATES],
+    points: [Vector; N_JOINTS],
+    /// Velocities of the current substep in free motion, and sum of the deviations from it so far.
+    free: Coordinates,
+    deviation: Coordinates,
+}
+
 impl Arm {
-    /// Adds an arm at its start pose with open fingers. Its targets are its start positions.
+    /// Adds an arm at its start pose with open fingers. Its targets are its start positions. `number` is 0 or
+    /// 1, and `thing` its number among the world's things.
     pub(crate) fn add(
         world: &mut PhysicsWorld,
         robot: &Robot,
         mode: ControlMode,
         parameters: &Parameters,
+        [number, thing]: [usize; 2],
     ) -> Self {
-        let mut builder = ArmBuilder { world, links: Vec::with_capacity(N_DOFS + 1) };
-        let base = builder.world.insert_body(RigidBodyBuilder::fixed().pose(to_pose(&robot.base)));
-        builder.links.push(base);
-        builder.add_shapes(base, &link_shapes(0), LINK_FRICTION, LINK_GROUPS);
-        for joint in 0..N_JOINTS {
-            let axis = Vector3::z();
-            let child =
-                builder.add_link(builder.links[joint], &link_inertia(joint), &joint_origin(joint), &axis);
-            builder.add_shapes(child, &link_shapes(joint + 1), LINK_FRICTION, LINK_GROUPS);
-        }
-        let wrist = builder.links[N_JOINTS];
-        builder.add_shapes(wrist, &hand_shapes(), LINK_FRICTION, HAND_GROUPS);
-        let fingers = [1.0, -1.0].map(|side| {
-            let axis = Vector3::y() * side;
-            let finger = builder.add_link(wrist, &finger_inertia(), &finger_in_link7(), &axis);
-            let handles =
-                builder.add_shapes(finger, &finger_shapes(side), parameters.finger_friction, HAND_GROUPS);
-            for handle in &handles {
-                builder.world.colliders[*handle].user_data = FINGER;
+        let own = LINK[number] | HAND[number];
+        let [link_groups, hand_groups] = [LINK, HAND].map(|group| collision_groups(group[number], !own));
+        let mut add_link = |link: usize, shapes: &[CollisionShape], friction, groups| {
+            let builder = if link == 0 { RigidBodyBuilder::fixed() } else { RigidBodyBuilder::dynamic() };
+            let body = world.insert_body(builder.pose(to_pose(&robot.base)));
+            add_shapes(world, body, Tag::new(thing, link, kind_of(link)), shapes, friction, groups);
+            body
+        };
+        let links: [RigidBodyHandle; N_DOFS + 1] = core::array::from_fn(|link| match link {
+            0..=N_JOINTS => add_link(link, &link_shapes(link), LINK_FRICTION, link_groups),
+            _ => {
+                let side = if link == FIRST_FINGER { 1.0 } else { -1.0 };
+                add_link(link, &finger_shapes(side), parameters.finger_friction, hand_groups)
             }
-            handles
         });
-        let links: [RigidBodyHandle; N_DOFS + 1] =
-            builder.links.try_into().unwrap_or_else(|_| unreachable!("a base, seven links and two fingers"));
-        let multibody =
-            world.multibody_joints.rigid_body_link(base).expect("the base is part of a multibody").multibody;
-        let arm = Self {
-            multibody,
-            links,
-            fingers,
+        let hand = Tag::new(thing, N_JOINTS, Kind::Link);
+        add_shapes(world, links[N_JOINTS], hand, &hand_shapes(), LINK_FRICTION, hand_groups);
+        let joints = Joints::from(robot.qpos);
+        let mut arm = Self {
+            thing,
+            touches: false,
+            links: links.map(|link| (link, to_pose(&robot.base))),
+            base: robot.base,
             drive: arm_drive(mode),
-            targets: Targets { joints: Joints::from(robot.qpos), finger: FINGER_OPEN },
+            targets: Targets { joints, finger: FINGER_OPEN },
             inertias: LinkInertias::default(),
-            prediction: Prediction::default(),
-            velocity_correction: Joints::zeros(),
+            position: coordinates(&joints, FINGER_OPEN),
+            poses: kinematics::links(&joints),
+            free: FreeMotion::default(),
+            response: Response::default(),
             hand_in_link7: hand_in_link7().cast(),
             tcp_in_link7: tcp_in_link7().cast(),
         };
-        arm.set_start_pose(world);
+        arm.move_links();
+        arm.place(world);
         arm
     }
 
-    /// Moves the multibody, which rapier creates at joint position zero, to the targets.
-    fn set_start_pose(&self, world: &mut PhysicsWorld) {
-        let bodies = &mut world.bodies;
-        // rapier would do this in its first step, but the first command already needs the inertia.
-        for link in self.links {
-            bodies[link].recompute_mass_properties_from_colliders(&world.colliders);
+    /// Sets positions and velocities of all joints. Both fingers get the mean of theirs. The targets become
+    /// the positions.
+    pub(crate) fn set_state(&mut self, velocity: &mut Coordinates, state: &ArmState) {
+        [self.position, *velocity] = [&state.qpos, &state.qvel].map(|dofs| {
+            core::array::from_fn(|i| if i == FINGERS { (dofs[i] + dofs[i + 1]) / 2.0 } else { dofs[i] })
+        });
+        self.targets = Targets { joints: self.joints(), finger: f64::from(self.position[FINGERS]) };
+        self.move_links();
+    }
+
+    fn joints(&self) -> Joints {
+        Joints::from_fn(|joint, _| f64::from(self.position[joint]))
+    }
+
+    /// Moves the links to the positions of the joints.
+    fn move_links(&mut self) {
+        self.poses = kinematics::links(&self.joints());
+        let hand = self.poses[N_JOINTS - 1] * finger_in_link7();
+        for (i, (_, pose)) in self.links.iter_mut().enumerate().skip(1) {
+            let in_base = match i {
+                1..=N_JOINTS => self.poses[i - 1],
+                _ => {
+                    let side = if i == FIRST_FINGER { 1.0 } else { -1.0 };
+                    hand * Translation3::new(0.0, side * f64::from(self.position[FINGERS]), 0.0)
+                }
+            };
+            *pose = to_pose(&(self.base * in_base));
         }
-        let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
-        multibody.set_self_contacts_enabled(false);
-        multibody.add_dof_coupling(FINGER_COUPLING);
-        multibody.forward_kinematics(bodies, true);
-        assert_eq!(multibody.ndofs(), N_DOFS, "a fixed base has no degree of freedom");
-        multibody
-            .damping_mut()
-            .copy_from_slice(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.drive_of(dof).damping as f32));
-        multibody
-            .apply_displacements(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.target_of(dof) as f32));
-        multibody.forward_kinematics(bodies, false);
-        multibody.update_rigid_bodies(bodies, true);
     }
 
-    /// Sets positions and velocities of all joints. The targets become the positions.
-    pub(crate) fn set_state(&mut self, world: &mut PhysicsWorld, state: &ArmState) {
-        let now = self.qpos(world);
-        let bodies = &mut world.bodies;
-        let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
-        multibody
-            .apply_displacements(&core::array::from_fn::<_, N_DOFS, _>(|dof| state.qpos[dof] - now[dof]));
-        multibody.generalized_velocity_mut().copy_from_slice(&state.qvel);
-        multibody.forward_kinematics(bodies, false);
-        multibody.update_rigid_bodies(bodies, true);
-        self.targets = Targets {
-            joints: Joints::from_fn(|joint, _| f64::from(state.qpos[joint])),
-            finger: f64::from(state.qpos[N_JOINTS]),
-        };
-    }
-
-    /// Makes the limits of the joints that are near theirs part of the next physics step, or those of none.
-    pub(crate) fn limit_joints(&self, world: &mut PhysicsWorld, limits_matter: bool) {
-        let qpos = self.qpos(world);
-        let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
-        for (dof, q) in qpos.into_iter().map(f64::from).enumerate() {
-            let [min, max] = limits_of(dof);
-            let near = NEAR_LIMIT[usize::from(dof >= N_JOINTS)];
-            let joint = &mut multibody.link_mut(dof + 1).expect("one link per joint").joint.data;
-            let axis = axis(kind(dof));
-            if limits_matter && (q < min + near || q > max - near) {
-                joint.set_limits(axis, [(min + LIMIT_MARGIN) as f32, (max - LIMIT_MARGIN) as f32]);
-            } else {
-                joint.limit_axes.remove(axis.into());
+    /// Moves the colliders to the links.
+    pub(crate) fn place(&self, world: &mut PhysicsWorld) {
+        for (link, pose) in &self.links {
+            if world.bodies[*link].position() != pose {
+                world.bodies[*link].set_position(*pose, false);
             }
         }
     }
 
-    fn drive_of(&self, dof: usize) -> Drive {
-        if dof < N_JOINTS { self.drive } else { FINGER_DRIVE }
-    }
-
-    fn target_of(&self, dof: usize) -> f64 {
-        if dof < N_JOINTS { self.targets.joints[dof] } else { self.targets.finger }
-    }
-
     /// Sets new targets from this arm's part of an action row, [`Targets`] in `mode`.
-    pub(crate) fn command(&mut self, world: &PhysicsWorld, mode: ControlMode, row: &[f32]) {
-        let qpos = self.qpos(world);
-        self.targets = targets(mode, row, &Joints::from_fn(|joint, _| f64::from(qpos[joint])));
+    pub(crate) fn command(&mut self, mode: ControlMode, row: &[f32]) {
+        self.targets = targets(mode, row, &self.joints());
     }
 
-    /// Predicts the next physics step for the case that the arm touches nothing.
-    pub(crate) fn predict(&mut self, world: &PhysicsWorld) {
-        let (qpos, qvel) = (self.qpos(world).map(f64::from), self.qvel(world).map(f64::from));
-        let dt = f64::from(world.integration_parameters.dt);
-        let start =
-            [Joints::from_column_slice(&qpos[..N_JOINTS]), Joints::from_column_slice(&qvel[..N_JOINTS])];
-        let inertia = self.inertias.matrix(&start[0]);
-        // The matrix is positive definite unless the simulation has diverged, which ends the episode.
-        let Some(inverse) = inertia.cholesky().map(|factor| factor.inverse()) else { return };
-        let [mut q, mut v] = start;
-        dynamics::advance(&mut q, &mut v, &self.targets.joints, self.drive, &inverse, dt);
-        let fingers = [N_JOINTS, N_JOINTS + 1].map(|dof| {
-            let (mut q, mut v) = (qpos[dof], qvel[dof]);
-            dynamics::advance_finger(&mut q, &mut v, self.targets.finger, FINGER_DRIVE, dt);
-            (qpos[dof], qvel[dof], q)
-        });
-        self.prediction = Prediction { start, end: [q, v], inertia, fingers };
+    /// Predicts the next physics step of `dt` seconds for the case that the arm touches nothing.
+    pub(crate) fn predict(&mut self, velocity: &Coordinates, dt: f64) {
+        let q = self.joints();
+        let mut v = Joints::from_fn(|joint, _| f64::from(velocity[joint]));
+        let Dynamics { inertia, bias } = self.inertias.at(&self.poses, &v);
+        let inverse = inverse(inertia);
+        let joints = dynamics::advance(&q, &mut v, &self.targets.joints, self.drive, &inverse, &bias, dt);
+        let (q, mut finger_v) = (f64::from(self.position[FINGERS]), f64::from(velocity[FINGERS]));
+        let finger = dynamics::advance_finger(q, &mut finger_v, self.targets.finger, FINGER_DRIVE, dt);
+        self.free = FreeMotion { path: (joints, finger), velocity: coordinates(&v, finger_v), inertia };
     }
 
-    /// Sets the springs for the next physics step of `n_substeps` implicit substeps.
-    ///
-    /// rapier's springs and dampers are implicit, so that they yield to contacts as the drives do, but one or
-    /// two implicit substeps move the arm less than the drives would. The rest positions of the springs are
-    /// chosen such that an arm that touches nothing moves exactly as predicted. With the inertia matrix M,
-    /// substep h, stiffness k and damping d, a substep maps the velocity v to A⁻¹ (M v + h k (rest − q)),
-    /// where A = M + h d + h² k. All these matrices commute.
-    pub(crate) fn drive(&mut self, world: &mut PhysicsWorld, n_substeps: usize) {
-        let dt = f64::from(world.integration_parameters.dt);
-        let h = dt / n_substeps as f64;
-        let Prediction { start: [q, v], end: [q_end, v_end], inertia, fingers } = &self.prediction;
+    /// Takes the predicted step.
+    pub(crate) fn move_freely(&mut self, velocity: &mut Coordinates) {
+        let (joints, finger) = &self.free.path;
+        let end = joints.len() - 1;
+        (self.position, *velocity) = (coordinates(&joints[end], finger[end]), self.free.velocity);
+        self.arrive(velocity);
+    }
+
+    /// Ends a step. No joint is left faster than [`MAX_JOINT_SPEED`] or beyond its limit.
+    fn arrive(&mut self, velocity: &mut Coordinates) {
+        for (i, (q, v)) in self.position.iter_mut().zip(velocity).enumerate() {
+            let [min, max] = limits_of(i);
+            let lowest = if *q <= min { 0.0 } else { -MAX_JOINT_SPEED };
+            let highest = if *q >= max { 0.0 } else { MAX_JOINT_SPEED };
+            (*q, *v) = (q.clamp(min, max), v.clamp(lowest, highest));
+        }
+        self.move_links();
+    }
+
+    /// Prepares for contacts in substeps of `h` seconds.
+    pub(crate) fn begin_step(&mut self, h: f64) {
         let Drive { stiffness: k, damping: d, .. } = self.drive;
-        let shifted = |factor: f64, shift: f64| inertia * factor + JointMatrix::identity() * shift;
-        let mean = (q_end - q) / h;
-        let a = shifted(1.0, h * d + h * h * k);
-        let (rest, last_v) = if n_substeps == 1 {
-            (q + (a * mean - inertia * v) / (h * k), mean)
-        } else {
-            let c = shifted(2.0, h * d);
-            let sum = shifted(3.0, 2.0 * h * d + h * h * k);
-            let solve = |matrix: JointMatrix, rhs: Joints| {
-                matrix
-                    .cholesky()
-                    .expect("a sum of positive definite matrices is positive definite")
-                    .solve(&rhs)
-            };
-            let pull = solve(sum, a * (a * mean) - c * (inertia * v));
-            (q + pull / (h * k), mean - solve(a, inertia * v + pull))
+        let matrix = self.free.inertia + JointMatrix::identity() * (h * d + h * h * k);
+        let inverse = inverse(matrix);
+        let Drive { stiffness: k, damping: d, .. } = FINGER_DRIVE;
+        let fingers = 2.0 * (finger_inertia().mass + h * d + h * h * k);
+        let entry = |row: usize, column: usize| match (row, column) {
+            (FINGERS, FINGERS) => fingers.recip() as f32,
+            (FINGERS, _) | (_, FINGERS) => 0.0,
+            _ => inverse[(row, column)] as f32,
         };
-        self.velocity_correction = v_end - last_v;
-        let finger_mass = finger_inertia().mass;
-        let finger_rest = fingers.map(|(q, v, end)| {
-            let Drive { stiffness: k, damping: d, .. } = FINGER_DRIVE;
-            let (mean, a) = ((end - q) / h, finger_mass + h * d + h * h * k);
-            let pull = if n_substeps == 1 {
-                a * mean - finger_mass * v
-            } else {
-                let c = 2.0 * finger_mass + h * d;
-                (a * a * mean - c * finger_mass * v) / (c + a)
-            };
-            q + pull / (h * k)
+        let poses = self.poses.map(|pose| self.base * pose);
+        let opening = poses[N_JOINTS - 1].rotation * finger_in_link7().rotation * Vector3::y();
+        self.response = Response {
+            inverse: core::array::from_fn(|row| core::array::from_fn(|column| entry(row, column))),
+            axes: core::array::from_fn(|i| {
+                if i == FINGERS {
+                    to_vector(&opening)
+                } else {
+                    to_vector(&(poses[i].rotation * Vector3::z()))
+                }
+            }),
+            points: poses.map(|pose| to_vector(&pose.translation.vector)),
+            free: [0.0; N_COORDINATES],
+            deviation: [0.0; N_COORDINATES],
+        };
+    }
+
+    /// Adds the rows of the joint limits that are near, in substeps of `h` seconds.
+    pub(crate) fn add_rows(&self, rows: &mut Constraints, h: f32) {
+        for (dof, &q) in self.position.iter().enumerate() {
+            let [min, max] = limits_of(dof);
+            for (sign, gap) in [(1.0, q - min), (-1.0, max - q)] {
+                if gap < NEAR_LIMIT[usize::from(dof == FINGERS)] {
+                    let mut jacobian = [0.0; N_COORDINATES];
+                    jacobian[dof] = sign;
+                    let row = ConstraintRow::new([self.side_along(jacobian), RowSide::fixed()], 0.0);
+                    rows.limits.push(Stop::new(row, gap, Softness::rigid(h)));
+                }
+            }
+        }
+    }
+
+    /// Returns the arm's part in a row through a point of a link.
+    pub(crate) fn side(&self, link: usize, point: Vector, direction: Vector) -> RowSide {
+        let mut jacobian = [0.0; N_COORDINATES];
+        let Response { axes, points, .. } = &self.response;
+        for joint in 0..link.min(N_JOINTS) {
+            jacobian[joint] = axes[joint].dot((point - points[joint]).cross(direction));
+        }
+        if link >= FIRST_FINGER {
+            let along = axes[FINGERS].dot(direction);
+            jacobian[FINGERS] = if link == FIRST_FINGER { along } else { -along };
+        }
+        self.side_along(jacobian)
+    }
+
+    fn side_along(&self, jacobian: Coordinates) -> RowSide {
+        let mut response = [0.0; N_COORDINATES];
+        for (column, factor) in self.response.inverse.iter().zip(jacobian) {
+            for i in 0..N_COORDINATES {
+                response[i] += column[i] * factor;
+            }
+        }
+        RowSide { thing: self.thing, jacobian, response }
+    }
+
+    /// Returns the angular velocity of a link, in rad/s.
+    pub(crate) fn angular_velocity(&self, link: usize, velocity: &Coordinates) -> Vector {
+        let axes = self.response.axes.iter().zip(velocity).take(link.min(N_JOINTS));
+        axes.map(|(axis, v)| *axis * *v).sum()
+    }
+
+    /// Advances the velocity by the drives for a substep. Without contacts, each has the mean velocity of its
+    /// part of the free motion; from a deviation, the springs and dampers pull back.
+    ///
+    /// With the inertia matrix M and the drives' stiffness K and damping D, an implicit substep of length h
+    /// maps the deviation δ of the velocity and the sum σ of all before to δ − A⁻¹ ((h D + h² K) δ + h² K
+    /// σ), where A is M + h D + h² K.
+    pub(crate) fn begin_substep(&mut self, velocity: &mut Coordinates, substep: usize, n: usize, h: f32) {
+        let free = self.free.mean_velocity(substep, n, f64::from(h));
+        if substep == 0 {
+            *velocity = free;
+            self.response.free = free;
+            return;
+        }
+        let pull = core::array::from_fn(|i| {
+            let (drive, n) = if i == FINGERS { (FINGER_DRIVE, 2.0) } else { (self.drive, 1.0) };
+            let [k, d] = [drive.stiffness, drive.damping].map(|gain| n * gain as f32);
+            let deviation = velocity[i] - self.response.free[i];
+            self.response.deviation[i] += deviation;
+            velocity[i] = free[i] + deviation;
+            (h * d + h * h * k) * deviation + h * h * k * self.response.deviation[i]
         });
-        let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
-        for dof in 0..N_DOFS {
-            let stiffness = if dof < N_JOINTS { k } else { FINGER_DRIVE.stiffness };
-            let rest = if dof < N_JOINTS { rest[dof] } else { finger_rest[dof - N_JOINTS] };
-            let joint = &mut multibody.link_mut(dof + 1).expect("one link per joint").joint;
-            joint.set_spring(coordinate_idx(kind(dof)), stiffness as f32, rest as f32);
+        self.response.free = free;
+        for (v, change) in velocity.iter_mut().zip(self.side_along(pull).response) {
+            *v -= change;
         }
     }
 
-    /// Completes a physics step. The implicit substeps end at their mean velocity, the drives at another one.
-    /// No joint stays faster than [`MAX_JOINT_SPEED`]: rapier integrates Coriolis forces explicitly, which
-    /// diverges from there on. No joint stays beyond its limit: what rapier's iterations leave of a
-    /// violation, and a step in which a contact pushes a joint into its limit, is corrected here.
-    pub(crate) fn finish_step(&self, world: &mut PhysicsWorld) {
-        let qpos = self.qpos(world);
-        let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
-        let mut velocity = multibody.generalized_velocity_mut();
-        let mut excess = [0.0; N_DOFS];
-        for dof in 0..N_DOFS {
-            let correction = if dof < N_JOINTS { self.velocity_correction[dof] as f32 } else { 0.0 };
-            let [min, max] = limits_of(dof).map(|limit| limit as f32);
-            excess[dof] = qpos[dof].clamp(min, max) - qpos[dof];
-            let [lowest, highest] =
-                [excess[dof] <= 0.0, excess[dof] >= 0.0].map(|may| f32::from(u8::from(may)));
-            velocity[dof] =
-                (velocity[dof] + correction).clamp(-MAX_JOINT_SPEED * lowest, MAX_JOINT_SPEED * highest);
-        }
-        if excess.iter().any(|excess| excess.abs() > LIMIT_MARGIN as f32) {
-            multibody.apply_displacements(&excess);
-            multibody.forward_kinematics(&world.bodies, false);
-            multibody.update_rigid_bodies(&mut world.bodies, true);
+    /// Moves the joints for `h` seconds.
+    pub(crate) fn advance(&mut self, velocity: &Coordinates, h: f32) {
+        for (q, v) in self.position.iter_mut().zip(velocity) {
+            *q += v * h;
         }
     }
 
-    /// Returns `true` if a moving link was about to touch anything outside the arm in the last step.
-    pub(crate) fn is_near_others(&self, world: &PhysicsWorld) -> bool {
-        let is_own = |handle: ColliderHandle| {
-            let body = world.colliders[handle].parent();
-            body.is_some_and(|body| self.links.contains(&body))
-        };
-        let moving = self.links[1..].iter().flat_map(|link| world.bodies[*link].colliders());
-        moving.flat_map(|handle| world.narrow_phase.contact_pairs_with(*handle)).any(|pair| {
-            let nearest = || pair.find_deepest_contact().map(|(_, contact)| contact.dist);
-            !(is_own(pair.collider1) && is_own(pair.collider2))
-                && nearest().is_some_and(|distance| distance < ARM_PREDICTION_M)
-        })
+    /// Completes a step with contacts. Its substeps have the mean velocities of the free motion, which ends
+    /// at another one.
+    pub(crate) fn finish_step(&mut self, velocity: &mut Coordinates) {
+        for (i, v) in velocity.iter_mut().enumerate() {
+            *v += self.free.velocity[i] - self.response.free[i];
+        }
+        self.arrive(velocity);
     }
 
     /// Returns the positions of joints 1 to 7 (rad) and of the fingers (m).
-    pub(crate) fn qpos(&self, world: &PhysicsWorld) -> [f32; N_DOFS] {
-        let multibody = self.multibody(world);
-        core::array::from_fn(|dof| {
-            multibody.link(dof + 1).expect("one link per joint").joint().coords()[coordinate_idx(kind(dof))]
-        })
+    pub(crate) fn qpos(&self) -> [f32; N_DOFS] {
+        core::array::from_fn(|dof| self.position[dof.min(FINGERS)])
     }
 
-    /// Returns the velocities of joints 1 to 7 (rad/s) and of the fingers (m/s).
-    pub(crate) fn qvel(&self, world: &PhysicsWorld) -> [f32; N_DOFS] {
-        let velocity = self.multibody(world).generalized_velocity();
-        core::array::from_fn(|dof| velocity[dof])
-    }
-
-    fn multibody<'a>(&self, world: &'a PhysicsWorld) -> &'a Multibody {
-        world.multibody_joints.get_multibody(self.multibody).expect("the arm stays in its world")
-    }
-
-    fn link_pose(&self, world: &PhysicsWorld, link: usize) -> Isometry3<f32> {
-        from_pose(world.bodies[self.links[link]].position())
+    fn link_pose(&self, link: usize) -> Isometry3<f32> {
+        from_pose(&self.links[link].1)
     }
 
     /// Returns the TCP pose in the world frame.
-    pub(crate) fn tcp_pose(&self, world: &PhysicsWorld) -> Isometry3<f32> {
-        self.link_pose(world, N_JOINTS) * self.tcp_in_link7
+    pub(crate) fn tcp_pose(&self) -> Isometry3<f32> {
+        self.link_pose(N_JOINTS) * self.tcp_in_link7
     }
 
     /// Returns the poses of all links in the world frame.
-    pub(crate) fn link_poses(&self, world: &PhysicsWorld) -> ArmLinks {
+    pub(crate) fn link_poses(&self) -> ArmLinks {
         let mut poses: [Isometry3<f32>; N_LINKS] = core::array::from_fn(|link| match link {
-            0..=N_JOINTS => self.link_pose(world, link),
-            _ => self.link_pose(world, link - 1),
+            0..=N_JOINTS => self.link_pose(link),
+            _ => self.link_pose(link - 1),
         });
         poses[Link::Hand as usize] = poses[Link::Link7 as usize] * self.hand_in_link7;
         poses
     }
 
-    /// Returns `true` if both fingers press on the body with at least 0.5 N, each within 85° of its opening
-    /// direction.
-    pub(crate) fn is_grasping(&self, world: &PhysicsWorld, body: RigidBodyHandle) -> bool {
-        [0, 1].into_iter().all(|finger| {
-            let opening = self.link_pose(world, N_JOINTS + 1 + finger).rotation * Vector3::y();
-            let opening = if finger == 0 { opening } else { -opening };
-            let force = self.force_on_finger(world, finger, body);
+    /// Returns `true` if both fingers pressed on something in the last physics step, each with at least 0.5 N
+    /// and within 85° of its opening direction. `force_on` returns the force on a finger, in N.
+    pub(crate) fn is_grasping(&self, force_on: impl Fn(Tag) -> Vector) -> bool {
+        [FIRST_FINGER, FIRST_FINGER + 1].into_iter().all(|link| {
+            let opening = self.link_pose(link).rotation * Vector3::y();
+            let opening = if link == FIRST_FINGER { opening } else { -opening };
+            let force = from_vector(force_on(Tag::new(self.thing, link, Kind::Finger)));
             let size = force.norm();
             size >= MIN_GRASP_FORCE_N && force.dot(&opening) >= MIN_GRASP_COS * size
         })
     }
-
-    /// Returns the sum of the normal forces that a body exerts on a finger, in N.
-    fn force_on_finger(&self, world: &PhysicsWorld, finger: usize, body: RigidBodyHandle) -> Vector3<f32> {
-        let phase: &NarrowPhase = &world.narrow_phase;
-        let is_of_body = |other: ColliderHandle| world.colliders[other].parent() == Some(body);
-        let mut impulse = Vector3::zeros();
-        for &handle in &self.fingers[finger] {
-            for pair in phase.contact_pairs_with(handle) {
-                // rapier reports the impulse on the second collider of a pair.
-                if pair.collider1 == handle && is_of_body(pair.collider2) {
-                    impulse -= from_vector(pair.total_impulse());
-                } else if pair.collider2 == handle && is_of_body(pair.collider1) {
-                    impulse += from_vector(pair.total_impulse());
-                }
-            }
-        }
-        impulse / world.integration_parameters.dt
-    }
 }
 
-/// A physics step of an arm that touches nothing.
-#[derive(Default)]
-struct Prediction {
-    /// Joint positions (rad) and velocities (rad/s) before the step.
-    start: [Joints; 2],
-    /// Joint positions and velocities after the step.
-    end: [Joints; 2],
-    /// Inertia matrix, in kg·m².
-    inertia: JointMatrix,
-    /// Position (m) and velocity (m/s) of each finger before the step, and its position after it.
-    fingers: [(f64, f64, f64); 2],
+/// Returns the inverse of a positive definite matrix. Any other stems from a state that has diverged and
+/// yields NaN, which ends the episode.
+fn inverse(matrix: JointMatrix) -> JointMatrix {
+    matrix.cholesky().map_or_else(|| JointMatrix::repeat(f64::NAN), |factor| factor.inverse())
+}
+
+fn coordinates(joints: &Joints, finger: f64) -> Coordinates {
+    core::array::from_fn(|i| if i == FINGERS { finger as f32 } else { joints[i] as f32 })
 }
 
 /// Returns the minimum and maximum position of a joint, in rad or m.
-const fn limits_of(dof: usize) -> [f64; 2] {
-    if dof < N_JOINTS { [LOWER[dof], UPPER[dof]] } else { [0.0, FINGER_OPEN] }
+const fn limits_of(dof: usize) -> [f32; 2] {
+    if dof < N_JOINTS { [LOWER[dof] as f32, UPPER[dof] as f32] } else { [0.0, FINGER_OPEN as f32] }
 }
 
-fn multibody_mut(joints: &mut MultibodyJointSet, index: MultibodyIndex) -> &mut Multibody {
-    joints.get_multibody_mut(index).expect("the arm stays in its world")
-}
-
-/// Returns the joint type of a degree of freedom: arm joints are revolute, fingers prismatic.
-const fn kind(dof: usize) -> JointKind {
-    if dof < N_JOINTS { JointKind::Hinge } else { JointKind::Slide }
-}
-
-/// Inserts links into a world and records their handles.
-struct ArmBuilder<'a> {
-    world: &'a mut PhysicsWorld,
-    links: Vec<RigidBodyHandle>,
-}
-
-impl ArmBuilder<'_> {
-    /// Adds the next link. Its joint has the frame `origin` in the parent and rotates about `axis` of that
-    /// frame; a finger slides along it.
-    fn add_link(
-        &mut self,
-        parent: RigidBodyHandle,
-        inertia: &Inertia,
-        origin: &Isometry3<f64>,
-        axis: &Vector3<f64>,
-    ) -> RigidBodyHandle {
-        let mass = MassProperties::with_inertia_matrix(
-            to_vector(&inertia.com),
-            inertia.mass as f32,
-            to_matrix(&inertia.matrix),
-        );
-        let link =
-            RigidBodyBuilder::dynamic().gravity_scale(0.0).can_sleep(false).additional_mass_properties(mass);
-        let link = self.world.insert_body(link);
-        let dof = self.links.len() - 1;
-        let joint = single_dof_joint(kind(dof), origin, axis, None);
-        self.world.multibody_joints.insert(parent, link, joint, true).expect("the links form a tree");
-        self.links.push(link);
-        link
+const fn kind_of(link: usize) -> Kind {
+    match link {
+        0 => Kind::Fixed,
+        1..=N_JOINTS => Kind::Link,
+        _ => Kind::Finger,
     }
+}
 
-    fn add_shapes(
-        &mut self,
-        link: RigidBodyHandle,
-        shapes: &[CollisionShape],
-        friction: f32,
-        groups: InteractionGroups,
-    ) -> Vec<ColliderHandle> {
-        let add = |(shape, pose): &CollisionShape| {
-            let collider = collider(shape, pose).density(0.0).friction(friction).collision_groups(groups);
-            let hooks = ActiveHooks::MODIFY_SOLVER_CONTACTS;
-            self.world.insert_collider(collider.active_hooks(hooks), Some(link))
-        };
-        shapes.iter().map(add).collect()
+/// Adds collision shapes to a link.
+fn add_shapes(
+    world: &mut PhysicsWorld,
+    link: RigidBodyHandle,
+    tag: Tag,
+    shapes: &[CollisionShape],
+    friction: f32,
+    groups: InteractionGroups,
+) {
+    for (shape, pose) in shapes {
+        let builder = collider(shape, pose, tag, groups).density(0.0).friction(friction);
+        world.insert_collider(builder, Some(link));
     }
 }

@@ -1,16 +1,17 @@
 //! The bodies of a scene other than the arms, and the table and floor.
 
 use nalgebra::{Isometry3, Translation3};
-use rapier3d::dynamics::{MassProperties, RigidBodyBuilder, RigidBodyHandle};
+use rapier3d::dynamics::{MassProperties, RigidBodyBuilder};
 use rapier3d::geometry::{ColliderBuilder, Group, InteractionGroups, InteractionTestMode, SharedShape};
-use rapier3d::math::{Rotation, Vector};
+use rapier3d::math::{Pose, Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 
-use super::BodyState;
-use super::convert::{from_pose, from_vector, to_pose, to_vector};
+use super::body::PhysicsBody;
+use super::convert::to_pose;
 use super::hull::Hull;
-use super::joint::{coordinate_idx, single_dof_joint};
-use scene::{Body, JointKind, JointSpec, Mass, Motion, Primitive, TableKind};
+use super::solver::GROUND;
+use super::solver::point::{Kind, Tag};
+use scene::{Body, Mass, Motion, Primitive, TableKind};
 
 /// Minimum mass of a moving body, in kg. Contact stiffness scales with mass, so the gripper would penetrate a
 /// body of a few grams.
@@ -25,12 +26,22 @@ const WALL_HEIGHT: f64 = 2.0;
 /// Collision groups of fixed and of jointed bodies, which do not collide with each other.
 const FIXED: Group = Group::GROUP_1;
 const JOINTED: Group = Group::GROUP_2;
-/// Collision groups of the arms' links, and of their hands and fingers.
-pub(crate) const LINK: Group = Group::GROUP_3;
-pub(crate) const HAND: Group = Group::GROUP_4;
+/// Collision groups of each arm's links, and of its hand and fingers.
+pub(crate) const LINK: [Group; 2] = [Group::GROUP_3, Group::GROUP_5];
+pub(crate) const HAND: [Group; 2] = [Group::GROUP_4, Group::GROUP_6];
 
 /// Builds a collider of a shape at a pose in its parent's frame.
-pub(crate) fn collider(shape: &Primitive, pose: &Isometry3<f64>) -> ColliderBuilder {
+pub(crate) fn collider(
+    shape: &Primitive,
+    pose: &Isometry3<f64>,
+    tag: Tag,
+    groups: InteractionGroups,
+) -> ColliderBuilder {
+    let (shape, position) = placed_shape(shape, pose);
+    ColliderBuilder::new(shape).position(position).user_data(tag.to_user_data()).collision_groups(groups)
+}
+
+fn placed_shape(shape: &Primitive, pose: &Isometry3<f64>) -> (SharedShape, Pose) {
     let f = |x: f64| x as f32;
     let upright = Rotation::from_rotation_x(core::f32::consts::FRAC_PI_2);
     let mut position = to_pose(pose);
@@ -51,41 +62,41 @@ pub(crate) fn collider(shape: &Primitive, pose: &Isometry3<f64>) -> ColliderBuil
             Hull::shape(&points).expect("the points of a hull are not in one plane")
         }
     };
-    ColliderBuilder::new(shape).position(position)
+    (shape, position)
 }
 
-/// Adds a body at its start pose, with its colliders and its joint.
-pub(crate) fn add_body(world: &mut PhysicsWorld, body: &Body) -> RigidBodyHandle {
-    let (builder, groups) = match body.motion {
-        Motion::Dynamic => (RigidBodyBuilder::dynamic(), InteractionGroups::all()),
-        Motion::Jointed(_) => (RigidBodyBuilder::dynamic(), collision_groups(JOINTED, !(FIXED | JOINTED))),
-        Motion::Fixed | Motion::VisualOnly => (RigidBodyBuilder::fixed(), collision_groups(FIXED, !JOINTED)),
+/// Adds a body at its start pose with its colliders. `thing` is its number in the world.
+pub(crate) fn add_body(world: &mut PhysicsWorld, body: &Body, thing: usize) -> PhysicsBody {
+    let (builder, groups, kind) = match body.motion {
+        Motion::Dynamic => (RigidBodyBuilder::dynamic(), InteractionGroups::all(), Kind::Free),
+        Motion::Jointed(_) => {
+            (RigidBodyBuilder::dynamic(), collision_groups(JOINTED, !(FIXED | JOINTED)), Kind::Jointed)
+        }
+        Motion::Fixed | Motion::VisualOnly => {
+            (RigidBodyBuilder::fixed(), collision_groups(FIXED, !JOINTED), Kind::Fixed)
+        }
     };
-    let [linear, angular] = body.damping.map(|damping| damping as f32);
-    let mut builder = builder.linear_damping(linear).angular_damping(angular);
+    let mut builder = builder.pose(to_pose(&body.pose));
     if let Mass::Measured { kg, centre, inertia } = body.mass {
         builder = builder.additional_mass_properties(mass_properties(kg, centre, inertia));
     }
-    let handle = world.insert_body(builder.pose(to_pose(&body.pose)));
-    if body.motion == Motion::VisualOnly {
-        return handle;
-    }
-    let density = match body.mass {
-        Mass::Density(density) => {
-            let mass: f64 = body.parts.iter().map(|part| volume(&part.shape) * density).sum();
-            density * (MIN_MASS_KG / mass).max(1.0)
+    let handle = world.insert_body(builder);
+    if body.motion != Motion::VisualOnly {
+        let density = match body.mass {
+            Mass::Density(density) => {
+                let mass: f64 = body.parts.iter().map(|part| volume(&part.shape) * density).sum();
+                density * (MIN_MASS_KG / mass).max(1.0)
+            }
+            Mass::Measured { .. } => 0.0,
+        };
+        for part in &body.parts {
+            let builder = collider(&part.shape, &part.pose, Tag::new(thing, 0, kind), groups);
+            let builder = builder.density(density as f32).friction(body.friction as f32);
+            world.insert_collider(builder, Some(handle));
         }
-        Mass::Measured { .. } => 0.0,
-    };
-    for part in &body.parts {
-        let collider_builder =
-            collider(&part.shape, &part.pose).density(density as f32).friction(body.friction as f32);
-        world.insert_collider(collider_builder.collision_groups(groups), Some(handle));
     }
-    if let Motion::Jointed(joint) = body.motion {
-        attach(world, handle, &joint, &body.pose);
-    }
-    handle
+    world.bodies[handle].recompute_mass_properties_from_colliders(&world.colliders);
+    PhysicsBody::new(world, handle, body)
 }
 
 /// Returns the mass properties of a body of at least [`MIN_MASS_KG`].
@@ -101,83 +112,15 @@ pub(crate) const fn collision_groups(memberships: Group, filter: Group) -> Inter
     InteractionGroups::new(memberships, filter, InteractionTestMode::And)
 }
 
-/// Attaches a body to its start pose by a multibody with one joint, because joints between free bodies sag.
-fn attach(world: &mut PhysicsWorld, body: RigidBodyHandle, joint: &JointSpec, start: &Isometry3<f64>) {
-    let anchor = world.insert_body(RigidBodyBuilder::fixed().pose(to_pose(start)));
-    let guide =
-        single_dof_joint(joint.kind, &Isometry3::identity(), &joint.axis.into(), Some([0.0, joint.upper]));
-    world.multibody_joints.insert(anchor, body, guide, true).expect("an anchor and a body form a tree");
-    let link = *world.multibody_joints.rigid_body_link(body).expect("the body was just attached");
-    let bodies = &mut world.bodies;
-    bodies[body].recompute_mass_properties_from_colliders(&world.colliders);
-    let multibody =
-        world.multibody_joints.get_multibody_mut(link.multibody).expect("the body was just attached");
-    multibody.forward_kinematics(bodies, true);
-    assert_eq!(multibody.ndofs(), 1, "an anchor has no degree of freedom");
-    multibody.damping_mut()[0] = joint.damping as f32;
-    multibody.frictions_mut()[0] = joint.friction as f32;
-    multibody.forward_kinematics(bodies, false);
-    multibody.update_rigid_bodies(bodies, true);
-}
-
-/// Returns the joint position of a jointed body, in m or rad.
-pub(crate) fn joint_position(world: &PhysicsWorld, body: RigidBodyHandle, kind: JointKind) -> f32 {
-    let link = *world.multibody_joints.rigid_body_link(body).expect("a jointed body is in a multibody");
-    let multibody = world.multibody_joints.get_multibody(link.multibody).expect("a link's multibody exists");
-    multibody.link(link.id).expect("a link of its multibody").joint().coords()[coordinate_idx(kind)]
-}
-
-/// Sets pose and velocity of a body without a joint.
-pub(crate) fn set_state(world: &mut PhysicsWorld, body: RigidBodyHandle, state: &BodyState) {
-    let body = &mut world.bodies[body];
-    body.set_position(to_pose(&state.pose.cast()), true);
-    if body.is_dynamic() {
-        body.set_linvel(to_vector(&state.linear_velocity.cast()), true);
-        body.set_angvel(to_vector(&state.angular_velocity.cast()), true);
-    }
-}
-
-/// Moves a body on a joint to the position nearest to a pose, and sets its velocity along the joint.
-pub(crate) fn set_joint_state(
-    world: &mut PhysicsWorld,
-    body: RigidBodyHandle,
-    kind: JointKind,
-    state: &BodyState,
-) {
-    let link = *world.multibody_joints.rigid_body_link(body).expect("a jointed body is in a multibody");
-    let now = from_pose(world.bodies[body].position());
-    let multibody =
-        world.multibody_joints.get_multibody_mut(link.multibody).expect("a link's multibody exists");
-    let joint = &multibody.link(link.id).expect("a link of its multibody").joint().data;
-    let axis = from_vector(joint.local_frame2.rotation * Vector::X);
-    let (displacement, velocity) = match kind {
-        JointKind::Slide => {
-            let axis = now.rotation * axis;
-            let moved = state.pose.translation.vector - now.translation.vector;
-            (moved.dot(&axis), state.linear_velocity.dot(&axis))
-        }
-        JointKind::Hinge => {
-            let turned = (now.rotation.inverse() * state.pose.rotation).into_inner();
-            let angle = 2.0 * libm::atan2f(turned.imag().dot(&axis), turned.w);
-            let turn = core::f32::consts::TAU;
-            (angle - turn * libm::roundf(angle / turn), state.angular_velocity.dot(&(now.rotation * axis)))
-        }
-    };
-    multibody.apply_displacements(&[displacement]);
-    multibody.generalized_velocity_mut()[0] = velocity;
-    let bodies = &mut world.bodies;
-    multibody.forward_kinematics(bodies, false);
-    multibody.update_rigid_bodies(bodies, true);
-}
-
 /// Adds the floor, the table and the four walls of the room (docs/benchmark.md, "Scenes and objects").
 ///
 /// The walls exist even where no background perturbation shows them: appearance never affects a trajectory.
 pub(crate) fn add_ground(world: &mut PhysicsWorld, table: TableKind) {
     let mut block = |half: [f64; 3], centre: [f64; 3], filter: Group| {
         let pose = Isometry3::from(Translation3::from(centre));
-        let collider_builder = collider(&Primitive::Box { half }, &pose).friction(GROUND_FRICTION);
-        world.insert_collider(collider_builder.collision_groups(collision_groups(FIXED, filter)), None);
+        let tag = Tag::new(GROUND, 0, Kind::Fixed);
+        let builder = collider(&Primitive::Box { half }, &pose, tag, collision_groups(FIXED, filter));
+        world.insert_collider(builder.friction(GROUND_FRICTION), None);
     };
     for sign in [-1.0, 1.0] {
         let [half, z] = [WALL_HEIGHT / 2.0, FLOOR_Z + WALL_HEIGHT / 2.0];
@@ -192,7 +135,7 @@ pub(crate) fn add_ground(world: &mut PhysicsWorld, table: TableKind) {
     block([x, y, -FLOOR_Z / 2.0], [-0.12, 0.0, FLOOR_Z / 2.0], !JOINTED);
     if table == TableKind::Bimanual {
         // Hands and fingers reach through this plate, as in the original.
-        block([0.6, 0.8, 0.025], [0.0, 0.0, 0.8], !(JOINTED | HAND));
+        block([0.6, 0.8, 0.025], [0.0, 0.0, 0.8], !(JOINTED | HAND[0] | HAND[1]));
     }
 }
 
@@ -207,8 +150,8 @@ fn volume(shape: &Primitive) -> f64 {
             PI * radius * radius * (2.0 * half_height + 4.0 / 3.0 * radius)
         }
         Primitive::Hull { .. } => {
-            let solid = collider(shape, &Isometry3::identity()).build();
-            f64::from(solid.shape().mass_properties(1.0).mass())
+            let (solid, _) = placed_shape(shape, &Isometry3::identity());
+            f64::from(solid.mass_properties(1.0).mass())
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Conversions between nalgebra types (used in this crate) and glam types (used by rapier).
 
-use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use rapier3d::math::{Matrix, Pose, Rotation, Vector};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rapier3d::math::{Pose, Rotation, Vector};
 
 pub(crate) fn to_vector(v: &Vector3<f64>) -> Vector {
     Vector::new(v.x as f32, v.y as f32, v.z as f32)
@@ -11,11 +11,6 @@ pub(crate) fn to_pose(pose: &Isometry3<f64>) -> Pose {
     let q = pose.rotation.coords;
     let rotation = Rotation::from_xyzw(q.x as f32, q.y as f32, q.z as f32, q.w as f32).normalize();
     Pose::from_parts(to_vector(&pose.translation.vector), rotation)
-}
-
-pub(crate) fn to_matrix(m: &Matrix3<f64>) -> Matrix {
-    let column = |i: usize| to_vector(&m.column(i).into_owned());
-    Matrix::from_cols(column(0), column(1), column(2))
 }
 
 pub(crate) fn from_vector(v: Vector) -> Vector3<f32> {

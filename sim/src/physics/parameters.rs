@@ -1,10 +1,6 @@
 //! Parameters of contacts, fitted to recorded motions of the original.
 
-use rapier3d::dynamics::{FrictionModel, IntegrationParameters, SpringCoefficients};
 use serde::{Deserialize, Serialize};
-
-/// Unit of length to which rapier's tolerances refer, in m: objects measure centimetres, not metres.
-const LENGTH_UNIT_M: f32 = 0.1;
 
 /// Parameters of contacts. The benchmark `agreement` measures how well any other choice reproduces recorded
 /// motions of the original; every run uses the default. It was chosen over 300 starts near those of 50
@@ -36,8 +32,7 @@ pub struct Parameters {
     /// Distance below which contacts are predicted, in m, as in the original. It lets a falling body stop on
     /// all of its lowest corners at once.
     pub prediction_m: f32,
-    /// Solver substeps, 1 or 2, of a physics step in which an arm is near another body. Each recomputes the
-    /// full dynamics of the arm, which is most of the cost of a step.
+    /// Substeps of a physics step in which an arm touches something; any other has one.
     pub substeps: usize,
     /// Contact iterations in each substep.
     pub iterations: usize,
@@ -58,32 +53,26 @@ impl Default for Parameters {
             contact_damping: 10.0,
             prediction_m: 0.015,
             substeps: 2,
-            iterations: 3,
-            relaxations: 6,
+            iterations: 7,
+            relaxations: 7,
         }
     }
 }
 
 impl Parameters {
-    /// Returns rapier's parameters for `physics_hz` steps per second.
-    pub(crate) fn integration(&self, physics_hz: u32) -> IntegrationParameters {
-        let contact =
-            |natural_frequency| SpringCoefficients { natural_frequency, damping_ratio: self.contact_damping };
-        IntegrationParameters {
-            dt: 1.0 / physics_hz as f32,
-            num_solver_iterations: self.substeps,
-            num_internal_pgs_iterations: self.iterations,
-            num_internal_stabilization_iterations: self.relaxations,
-            contact_softness: contact(self.contact_hz),
-            static_contact_softness: contact(self.static_contact_hz),
-            length_unit: LENGTH_UNIT_M,
-            normalized_prediction_distance: self.prediction_m / LENGTH_UNIT_M,
-            // Contact recycling tolerates motions larger than these objects.
-            contact_recycling: false,
-            friction_in_bias_pass: false,
-            // The simplified model resists turning on a face more than the original does.
-            friction_model: FrictionModel::Coulomb,
-            ..IntegrationParameters::default()
-        }
+    /// Returns the friction coefficient of a finger that presses with a normal force (N) on a body that spins
+    /// under it about the normal (rad/s).
+    pub(crate) fn friction_of_finger(&self, force: f32, spin: f32) -> f32 {
+        let Self {
+            finger_friction: strong,
+            weak_grip_n,
+            weak_grip_friction: [offset, per_spin],
+            stick_spin,
+            ..
+        } = self;
+        let weakness = (3.0 - 2.0 * force / weak_grip_n).clamp(0.0, 1.0);
+        let slipping = offset + per_spin * spin.max(*stick_spin);
+        let weak = strong + (slipping - strong) * (spin / stick_spin).min(1.0);
+        strong + weakness * (weak - strong)
     }
 }

@@ -6,10 +6,10 @@
 //! step is limited. On recorded motions of the original's arm, this predicts the joint positions after a
 //! control step to 0.35 mrad where they move by 48 mrad, and to 0.06 mrad where they move by 21 mrad.
 
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Isometry3, Matrix3, SMatrix, Vector3};
 
 use super::control::Drive;
-use scene::robot::kinematics::{self, Joints};
+use scene::robot::kinematics::Joints;
 use scene::robot::panda::{
     FINGER_OPEN, Inertia, LOWER, N_JOINTS, UPPER, finger_in_link7, finger_inertia, link_inertia,
 };
@@ -35,55 +35,93 @@ impl Default for LinkInertias {
     }
 }
 
+/// Coefficients of the equation of motion of an arm: M a + bias = torques.
+pub struct Dynamics {
+    /// Inertia matrix M, in kg·m².
+    pub inertia: JointMatrix,
+    /// Coriolis, centrifugal and gyroscopic torques, in N·m.
+    pub bias: Joints,
+}
+
 impl LinkInertias {
-    /// Returns the inertia matrix of the arm at joint positions `q`, in kg·m² (composite rigid body
-    /// algorithm; Featherstone, "Rigid Body Dynamics Algorithms", 2008, section 6.2).
+    /// Returns the dynamics of the arm at the poses of its links in the base frame, and at joint velocities
+    /// `v` (composite rigid body and recursive Newton-Euler algorithm; Featherstone, "Rigid Body Dynamics
+    /// Algorithms", 2008, sections 6.2 and 5.3).
     #[must_use]
-    pub fn matrix(&self, q: &Joints) -> JointMatrix {
-        let poses = kinematics::links(q);
-        // Unit motion of each joint: its axis, and the velocity of the point at the base's origin.
-        let motions = poses.map(|pose| {
-            let axis = pose.rotation * Vector3::z();
-            (axis, pose.translation.vector.cross(&axis))
-        });
-        let mut result = JointMatrix::zeros();
-        let (mut mass, mut moment, mut inertia) = (0.0, Vector3::zeros(), Matrix3::zeros());
+    pub fn at(&self, poses: &[Isometry3<f64>; N_JOINTS], v: &Joints) -> Dynamics {
+        let links: [Inertia; N_JOINTS] =
+            core::array::from_fn(|joint| self.0[joint].transformed(&poses[joint]));
+        let axes = poses.map(|pose| pose.rotation * Vector3::z());
+        let origins = poses.map(|pose| pose.translation.vector);
+        // Force and moment about the base's origin that keep each link on its path without joint
+        // accelerations.
+        let mut loads = [(Vector3::zeros(), Vector3::zeros()); N_JOINTS];
+        let (mut spin, mut turning, mut pull) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
+        for joint in 0..N_JOINTS {
+            let before = if joint == 0 { Vector3::zeros() } else { origins[joint - 1] };
+            let accelerate = |spin: &Vector3<f64>, turning: &Vector3<f64>, arm: Vector3<f64>| {
+                turning.cross(&arm) + spin.cross(&spin.cross(&arm))
+            };
+            pull += accelerate(&spin, &turning, origins[joint] - before);
+            turning += spin.cross(&axes[joint]) * v[joint];
+            spin += axes[joint] * v[joint];
+            let link = &links[joint];
+            let force = (pull + accelerate(&spin, &turning, link.com - origins[joint])) * link.mass;
+            let moment = link.matrix * turning + spin.cross(&(link.matrix * spin));
+            loads[joint] = (force, moment + link.com.cross(&force));
+        }
+        let mut result = Dynamics { inertia: JointMatrix::zeros(), bias: Joints::zeros() };
+        let (mut mass, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
+        let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
         for joint in (0..N_JOINTS).rev() {
-            let link = self.0[joint].transformed(&poses[joint]);
+            let link = &links[joint];
             mass += link.mass;
-            moment += link.com * link.mass;
-            inertia += link.matrix
+            first += link.com * link.mass;
+            second += link.matrix
                 + (Matrix3::identity() * link.com.norm_squared() - link.com * link.com.transpose())
                     * link.mass;
-            let (axis, velocity) = motions[joint];
-            let linear = velocity * mass + axis.cross(&moment);
-            let angular = inertia * axis + moment.cross(&velocity);
-            for (other, (axis, velocity)) in motions.iter().enumerate().take(joint + 1) {
-                let entry = axis.dot(&angular) + velocity.dot(&linear);
-                (result[(other, joint)], result[(joint, other)]) = (entry, entry);
+            force += loads[joint].0;
+            moment += loads[joint].1;
+            result.bias[joint] = axes[joint].dot(&(moment - origins[joint].cross(&force)));
+            // Momentum of the links from here on if only this joint moves, with velocities at the base's
+            // origin.
+            let (axis, velocity) = (axes[joint], origins[joint].cross(&axes[joint]));
+            let linear = velocity * mass + axis.cross(&first);
+            let angular = second * axis + first.cross(&velocity);
+            for other in 0..=joint {
+                let entry = axes[other].dot(&angular) + origins[other].cross(&axes[other]).dot(&linear);
+                (result.inertia[(other, joint)], result.inertia[(joint, other)]) = (entry, entry);
             }
         }
         result
     }
 }
 
-/// Advances joint positions (rad) and velocities (rad/s) by `dt` seconds towards `targets`, within the joint
-/// limits.
+/// Positions before the first of the solver's iterations in a step and after each of them.
+pub type Path<T> = [T; N_ITERATIONS + 1];
+
+/// Returns the joint positions (rad) on the way from `q` towards `targets` during `dt` seconds, within the
+/// joint limits, and advances the velocities `v` (rad/s). `bias` are torques other than the drives', with
+/// the sign of [`Dynamics::bias`].
+#[must_use]
 pub fn advance(
-    q: &mut Joints,
+    q: &Joints,
     v: &mut Joints,
     targets: &Joints,
     drive: Drive,
     inverse_inertia: &JointMatrix,
+    bias: &Joints,
     dt: f64,
-) {
+) -> Path<Joints> {
     let h = dt / N_ITERATIONS as f64;
     let resistance = h * (drive.damping + h * drive.stiffness);
     let max_impulse = drive.limit * dt;
     let gain: Joints = Joints::from_fn(|joint, _| 1.0 / (1.0 + resistance * inverse_inertia[(joint, joint)]));
     let mut total = Joints::zeros();
-    *v *= 1.0 - LINK_DAMPING * dt;
-    for _ in 0..N_ITERATIONS {
+    *v = *v * (1.0 - LINK_DAMPING * dt) - inverse_inertia * bias * dt;
+    let mut path = [*q; N_ITERATIONS + 1];
+    for iteration in 0..N_ITERATIONS {
+        let q = path[iteration];
         for joint in 0..N_JOINTS {
             let pull = h * drive.stiffness * (targets[joint] - q[joint]) - resistance * v[joint];
             let new_total = (total[joint] + gain[joint] * pull).clamp(-max_impulse, max_impulse);
@@ -97,24 +135,29 @@ pub fn advance(
                 v.axpy(-excess / inverse_inertia[(joint, joint)], &inverse_inertia.column(joint), 1.0);
             }
         }
-        q.axpy(h, v, 1.0);
+        path[iteration + 1] = q + *v * h;
     }
+    path
 }
 
-/// Advances position (m) and velocity (m/s) of a finger as [`advance`] does for joints.
-pub fn advance_finger(q: &mut f64, v: &mut f64, target: f64, drive: Drive, dt: f64) {
+/// Returns the positions (m) of a finger, and advances its velocity (m/s), as [`advance`] does for joints.
+#[must_use]
+pub fn advance_finger(q: f64, v: &mut f64, target: f64, drive: Drive, dt: f64) -> Path<f64> {
     let h = dt / N_ITERATIONS as f64;
     let resistance = h * (drive.damping + h * drive.stiffness);
     let max_impulse = drive.limit * dt;
     let inverse_mass = 1.0 / finger_inertia().mass;
     let mut total = 0.0;
-    for _ in 0..N_ITERATIONS {
-        let pull = h * drive.stiffness * (target - *q) - resistance * *v;
+    let mut path = [q; N_ITERATIONS + 1];
+    for iteration in 0..N_ITERATIONS {
+        let q = path[iteration];
+        let pull = h * drive.stiffness * (target - q) - resistance * *v;
         let new_total: f64 =
             (total + pull / (1.0 + resistance * inverse_mass)).clamp(-max_impulse, max_impulse);
         *v += (new_total - total) * inverse_mass;
-        *v = v.max(-*q / h).min((FINGER_OPEN - *q) / h);
+        *v = v.max(-q / h).min((FINGER_OPEN - q) / h);
         total = new_total;
-        *q += h * *v;
+        path[iteration + 1] = q + h * *v;
     }
+    path
 }
