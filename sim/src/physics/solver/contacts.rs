@@ -88,6 +88,7 @@ impl Contacts {
                 let [a, b] = colliders.map(|collider| collider.into_raw_parts().0);
                 self.points.push(ContactPoint {
                     tags,
+                    order: self.points.len(),
                     identity: [a, b, features[0], features[1]],
                     position: (*first * point.local_p1 + *second * point.local_p2) * 0.5,
                     normal: manifold.data.normal,
@@ -111,7 +112,10 @@ impl Contacts {
         [h, dt]: [f32; 2],
     ) {
         let is_solved = |point: &ContactPoint| point.tags.iter().any(|&tag| things.is_awake(tag));
-        self.points.sort_by_key(|point| (!is_solved(point), point.tags.iter().map(|tag| tag.kind).max()));
+        // A stable sort would allocate.
+        self.points.sort_unstable_by_key(|point| {
+            (!is_solved(point), point.tags.iter().map(|tag| tag.kind).max(), point.order)
+        });
         let n_solved = self.points.partition_point(is_solved);
         let softness = [parameters.contact_hz, parameters.static_contact_hz]
             .map(|frequency| Softness::contact(frequency, parameters.contact_damping, h));

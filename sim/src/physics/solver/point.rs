@@ -58,6 +58,8 @@ impl Tag {
 #[derive(Clone, Copy)]
 pub(crate) struct ContactPoint {
     pub(crate) tags: [Tag; 2],
+    /// Number among the step's points in the order of detection.
+    pub(crate) order: usize,
     /// Colliders and features that meet here, the same in every step of a lasting contact.
     pub(crate) identity: [u32; 4],
     /// Midpoint between the surfaces, in m.
