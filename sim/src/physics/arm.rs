@@ -1,7 +1,7 @@
 //! One arm: construction, joint drives and state readout.
 //!
-//! Where an arm touches nothing, its motion is known (`robot::dynamics`). What a contact changes of it
-//! depends on the inertia matrix with the drives' springs and dampers, which yield to contacts implicitly.
+//! The motion of an arm that touches nothing is known (`robot::dynamics`). A contact deflects it through the
+//! inertia matrix with the drives' springs and dampers, so that the arm yields as the drives do.
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Translation3, Vector3};
@@ -44,7 +44,7 @@ const MIN_GRASP_COS: f32 = 0.087_155_74;
 pub(crate) struct Arm {
     /// Number among the world's things.
     pub(crate) thing: usize,
-    /// `true` if a contact acts on it in the current physics step.
+    /// `true` if the current physics step has contacts of this arm.
     pub(crate) touches: bool,
     /// Links 0 to 7, then the two fingers, and their world poses.
     links: [(RigidBodyHandle, Pose); N_DOFS + 1],
@@ -198,7 +198,7 @@ impl Arm {
         self.targets = targets(mode, row, &self.joints());
     }
 
-    /// Predicts the next physics step of `dt` seconds for the case that the arm touches nothing.
+    /// Predicts a physics step of `dt` seconds in which the arm touches nothing.
     pub(crate) fn predict(&mut self, velocity: &Coordinates, dt: f64) {
         let q = self.joints();
         let mut v = Joints::from_fn(|joint, _| f64::from(velocity[joint]));

@@ -42,7 +42,7 @@ impl Things {
         self.arms_mut().filter(|(arm, _)| arm.touches)
     }
 
-    /// Determines which bodies sleep and which arms touch something. Returns `true` if any does.
+    /// Determines which bodies sleep and which arms touch something. Returns `true` if any arm does.
     pub(crate) fn find_touching(&mut self, points: &[ContactPoint]) -> bool {
         sleep::update(&mut self.bodies, points, &mut self.groups);
         for (body, velocity) in self.bodies_mut() {
@@ -57,7 +57,7 @@ impl Things {
         self.arms.iter().any(|arm| arm.touches)
     }
 
-    /// Prepares a physics step of `dt` seconds with `n` substeps. Arms that touch nothing take it at once.
+    /// Prepares a physics step of `dt` seconds with `n` substeps. Arms that touch nothing move at once.
     pub(crate) fn begin_step(&mut self, rows: &mut Constraints, dt: f64, n: usize) {
         let h = dt / n as f64;
         for (i, body) in self.bodies.iter_mut().enumerate().filter(|(_, body)| !body.is_asleep) {

@@ -21,7 +21,7 @@ pub const CONTROL_HZ: f64 = 20.0;
 
 /// The bodies and arms of one scene, driven in one control mode.
 pub struct World {
-    /// Colliders and their poses. rapier detects collisions; the motion is ours.
+    /// Colliders, whose collisions rapier detects. Their owners are moved by `things`.
     rapier: PhysicsWorld,
     things: Things,
     contacts: Contacts,
@@ -126,6 +126,8 @@ impl World {
         }
     }
 
+    /// Finds the contacts of the current poses. rapier's narrow phase notes modified pairs in a list that
+    /// only its own solver clears, so this list grows for as long as the world exists.
     fn detect_collisions(&mut self) {
         let rapier = &mut self.rapier;
         rapier.collision_pipeline.step(

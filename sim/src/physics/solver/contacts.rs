@@ -83,13 +83,11 @@ impl Contacts {
                 let point = &manifold.points[(contact.contact_id[0] & !NEW_CONTACT) as usize];
                 let gap = contact.dist
                     * if softened && contact.dist < 0.0 { parameters.finger_stiffness } else { 1.0 };
-                // A single point may wander from feature to feature, as that of a ball does.
-                let features = if manifold.points.len() == 1 { [0, 0] } else { [point.fid1.0, point.fid2.0] };
                 let [a, b] = colliders.map(|collider| collider.into_raw_parts().0);
                 self.points.push(ContactPoint {
                     tags,
                     order: self.points.len(),
-                    identity: [a, b, features[0], features[1]],
+                    identity: [a, b, point.fid1.0, point.fid2.0],
                     position: (*first * point.local_p1 + *second * point.local_p2) * 0.5,
                     normal: manifold.data.normal,
                     gap,

@@ -22,7 +22,7 @@ pub(crate) type Coordinates = [f32; N_COORDINATES];
 /// Maximum velocity at which penetration is recovered, in m/s.
 const MAX_RECOVERY: f32 = 0.3;
 
-/// Number of what never moves among the things of a world.
+/// Number of the ground, which never moves, among the things of a world.
 pub(crate) const GROUND: usize = 0;
 
 /// One thing's part in a row.
@@ -102,13 +102,13 @@ impl Softness {
         Self { recovery: spring.erp_inv_dt(h), factor: spring.cfm_factor(h) }
     }
 
-    /// Returns that of a joint limit.
+    /// Returns the softness of a joint limit in a substep of `h` s: none.
     pub(crate) fn rigid(h: f32) -> Self {
         Self { recovery: h.recip(), factor: 1.0 }
     }
 }
 
-/// A row that only pushes, and only where a gap is closed.
+/// A row that can push but not pull, and only where a gap has closed.
 pub(crate) struct Stop {
     pub(crate) row: ConstraintRow,
     /// Gap at the current positions, in m or rad; negative if penetrated.
