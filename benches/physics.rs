@@ -1,4 +1,4 @@
-//! Cost of a control step: the world of each task, idle and driven by its expert, on one thread and on two.
+//! Cost of a control step: the world of each task, idle, driven at random and by its expert, on one thread and on two.
 //!
 //! `cargo bench -p benches --bench physics -- [--csv FILE]`. A control step consists of five or ten
 //! physics steps, the controller and the success predicates. World construction and planning are reported
@@ -17,7 +17,7 @@ use sim::expert::{Expert, Move};
 use sim::physics::{CONTROL_HZ, World};
 use sim::predicate::{Predicate, first_unmet};
 use sim::scene::Scene;
-use sim::scene::stream::episode_seed;
+use sim::scene::stream::{Stream, episode_seed};
 use sim::{Profile, TaskId};
 
 /// Time per case; a round that has started is finished.
@@ -40,11 +40,12 @@ fn main() -> Result<()> {
         report.add(&format!("{name}/plan"), steps, "steps", &note);
         report.add(&format!("{name}/build"), build_us, "us", "one world");
         report.add(&format!("{name}/plan"), plan_us, "us", "one expert");
-        for driver in ["idle", "expert"] {
+        for driver in [Driver::Idle, Driver::Random, Driver::Expert] {
+            let driver_name = format!("{driver:?}").to_lowercase();
             let mut single_thread_rate = f64::NAN;
             for n_threads in [1, 2] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
-                let control = best_rate(&pool, task, driver == "expert");
+                let control = best_rate(&pool, task, driver);
                 let physics =
                     control * f64::from((task.task().nominal)(Profile::Strict).physics_hz) / CONTROL_HZ;
                 if n_threads == 1 {
@@ -52,9 +53,9 @@ fn main() -> Result<()> {
                 }
                 let speedup = control / single_thread_rate;
                 println!(
-                    "  {driver:6} {n_threads} threads: {control:7.0} control steps/s, {physics:7.0} physics steps/s, x{speedup:.2}"
+                    "  {driver_name:6} {n_threads} threads: {control:7.0} control steps/s, {physics:7.0} physics steps/s, x{speedup:.2}"
                 );
-                let case = format!("{name}/{driver}/threads{n_threads}");
+                let case = format!("{name}/{driver_name}/threads{n_threads}");
                 report.add(&case, control, "control_steps_per_s", "all threads together");
                 report.add(&case, physics, "physics_steps_per_s", "all threads together");
             }
@@ -63,21 +64,36 @@ fn main() -> Result<()> {
     report.finish()
 }
 
+/// What moves the arms.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Driver {
+    Idle,
+    /// Tool motions drawn uniformly at every control step.
+    Random,
+    Expert,
+}
+
 /// An env with everything that a control step needs.
 struct PhysicsEnv {
     world: World,
     expert: Expert,
+    random: Option<Stream>,
     success: Vec<Predicate>,
     row: Vec<f32>,
     max_steps: u32,
 }
 
 impl PhysicsEnv {
-    fn new(task: TaskId, episode_idx: u32, expert: bool) -> Self {
+    fn new(task: TaskId, episode_idx: u32, driver: Driver) -> Self {
         let scene = draw(task, episode_idx);
-        let moves = if expert { (task.task().expert)(&scene) } else { vec![Move::Hold { steps: 1 }] };
-        let mode = ControlMode::JointPos;
+        let moves = match driver {
+            Driver::Expert => (task.task().expert)(&scene),
+            Driver::Idle | Driver::Random => vec![Move::Hold { steps: 1 }],
+        };
+        let is_random = driver == Driver::Random;
+        let mode = if is_random { ControlMode::EeDeltaPose } else { ControlMode::JointPos };
         Self {
+            random: is_random.then(|| Stream::new(u64::from(episode_idx), "actions")),
             world: World::build(&scene, mode),
             expert: Expert::new(&scene, &moves).expect("the benchmark's episodes have a plan"),
             success: (task.task().success)(&scene, Profile::Strict),
@@ -88,7 +104,10 @@ impl PhysicsEnv {
 
     fn run(&mut self, n_steps: u32) {
         for _ in 0..n_steps {
-            self.expert.act(&self.world, &mut self.row);
+            match &mut self.random {
+                Some(stream) => self.row.fill_with(|| 2.0 * stream.unit() as f32 - 1.0),
+                None => self.expert.act(&self.world, &mut self.row),
+            }
             self.world.step(&self.row);
             std::hint::black_box(first_unmet(&self.success, &self.world));
         }
@@ -100,13 +119,13 @@ fn draw(task: TaskId, episode_idx: u32) -> Scene {
 }
 
 /// Returns the control steps per second of all threads together, in the fastest round.
-fn best_rate(pool: &rayon::ThreadPool, task: TaskId, expert: bool) -> f64 {
+fn best_rate(pool: &rayon::ThreadPool, task: TaskId, driver: Driver) -> f64 {
     let n_envs = pool.current_num_threads() as u32 * WORLDS_PER_THREAD;
     let mut best = 0.0_f64;
     let started = Instant::now();
     while started.elapsed() < CASE_TIME {
         let mut envs: Vec<PhysicsEnv> =
-            (0..n_envs).map(|episode_idx| PhysicsEnv::new(task, episode_idx, expert)).collect();
+            (0..n_envs).map(|episode_idx| PhysicsEnv::new(task, episode_idx, driver)).collect();
         let n_steps = envs[0].max_steps - WARM_UP_STEPS;
         pool.install(|| envs.par_iter_mut().for_each(|env| env.run(WARM_UP_STEPS)));
         let round = Instant::now();

@@ -39,6 +39,27 @@ pub fn core_bounds() -> Vec<ResourceBound<f64>> {
     mask.into_iter().chain(quotas(Path::new(ROOT))).chain(slurm_cores(&variable)).collect()
 }
 
+/// Returns the core-seconds since the start of the machine in which a core of the affinity mask had nothing to
+/// do; `None` if the system does not count them.
+#[must_use]
+pub fn idle_core_s() -> Option<f64> {
+    let mask = sched_getaffinity(None).ok()?;
+    let ticks = idle_ticks(&read(Path::new("/proc/stat"))?, |core| mask.is_set(core))?;
+    Some(ticks as f64 / rustix::param::clock_ticks_per_second() as f64)
+}
+
+/// Sums the idle ticks of some cores in the kernel's statistics, those of waiting for disks included.
+fn idle_ticks(statistics: &str, is_counted: impl Fn(usize) -> bool) -> Option<u64> {
+    let by_core = statistics.lines().filter_map(|line| {
+        let mut words = line.strip_prefix("cpu")?.split(' ');
+        let core: usize = words.next()?.parse().ok()?;
+        let times: Vec<u64> = words.map_while(|word| word.parse().ok()).collect();
+        is_counted(core).then(|| times.get(3..5).map(|idle| idle.iter().sum::<u64>()))
+    });
+    // Sandboxes show a file of zeros.
+    by_core.sum::<Option<u64>>().filter(|ticks| *ticks > 0)
+}
+
 /// Returns the memory that this process may still use, in bytes; `None` if the system tells nothing.
 #[must_use]
 pub fn available_memory() -> Option<u64> {
@@ -259,6 +280,15 @@ mod tests {
         ]);
         assert_eq!(remaining(&memory_limits(root.path())), [0]);
         assert_eq!(remaining(&quotas(root.path())), [0.5]);
+    }
+
+    #[test]
+    fn idle_time_counts_for_own_cores() {
+        let file = "cpu  9 0 9 60 6 0 0 0 0 0\ncpu0 1 0 1 10 1 0 0 0 0 0\ncpu1 1 0 1 20 2 0 0 0 0 0\ncpu10 7 0 7 30 3 0 0 0 0 0\n\
+                    intr 5 4 3\n";
+        assert_eq!(idle_ticks(file, |core| core != 1), Some(10 + 1 + 30 + 3));
+        assert_eq!(idle_ticks("cpu  0 0 0 0 0\ncpu0 0 0 0 0 0\n", |_| true), None);
+        assert_eq!(idle_ticks("cpu0 1 2\n", |_| true), None);
     }
 
     #[test]

@@ -71,4 +71,7 @@ pub(crate) trait Children {
 
     /// Returns the number of cores.
     fn n_cores(&self) -> u32;
+
+    /// Returns the core-seconds so far in which these cores had nothing to do, where the system tells it.
+    fn idle_core_s(&self) -> Option<f64>;
 }

@@ -348,6 +348,10 @@ impl Children for FakeWorld<'_, '_> {
     fn n_cores(&self) -> u32 {
         2
     }
+
+    fn idle_core_s(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// Returns the line that a sim writes for an event.

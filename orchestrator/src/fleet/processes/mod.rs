@@ -147,4 +147,8 @@ impl Children for Processes<'_> {
     fn n_cores(&self) -> u32 {
         allotment::n_cores()
     }
+
+    fn idle_core_s(&self) -> Option<f64> {
+        allotment::idle_core_s()
+    }
 }

@@ -153,7 +153,8 @@ impl Supervisor<'_> {
             return;
         }
         let cpu_s = self.sum_over_children(|children, role| children.cpu_s(role));
-        let sample = WorkSample::new(self.children.now(), cpu_s, &self.totals);
+        let idle_s = self.children.idle_core_s();
+        let sample = WorkSample::new(self.children.now(), cpu_s, idle_s, &self.totals);
         if let Some(count) = self.tuner.as_mut().and_then(|tuner| tuner.on_work(sample)) {
             self.send_to_sim(&SimCommand::Envs { count });
         }

@@ -6,10 +6,12 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct EnvTrial {
     pub(crate) envs: u32,
-    /// Predicted control steps per second.
+    /// Predicted control steps per second of an otherwise idle machine.
     pub(crate) predicted: f64,
-    /// Fraction of the core time that the children used.
+    /// Fraction that the children used of the core time that other programs left to them.
     pub(crate) utilisation: f64,
+    /// Fraction of the core time that other programs took.
+    pub(crate) foreign: f64,
 }
 
 /// The current choice and the trials behind it.

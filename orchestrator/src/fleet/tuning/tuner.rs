@@ -7,7 +7,7 @@
 //!
 //! cores · u / (s + (r + w) / k + t)
 //!
-//! with the fraction u of core time that the children used, the core-seconds r of rendering and w of
+//! with the fraction u that the children used of the core time that other programs left to them, the core-seconds r of rendering and w of
 //! inference per query and t of everything else per control step, all during the trial, and with the
 //! core-seconds s of physics per control step and the control steps k per query of the whole run: episodes
 //! differ in these by task, not by the number of envs.
@@ -42,6 +42,9 @@ const BRISK_STEPS_PER_S: f64 = 8.0;
 const BRISK_MIN_SPEED: f64 = 0.85;
 /// Utilisation below which the number grows by more than a factor of 2.
 const LOW_UTILISATION: f64 = 0.5;
+/// Fraction of the core time taken by other programs from which a trial is disturbed. Such a trial counts only if it
+/// shows a gain.
+const DISTURBANCE: f64 = 0.1;
 /// Time until a choice is checked again, doubled after every check that confirms it.
 const FIRST_CHECK: Duration = Duration::from_secs(20);
 const MAX_CHECK: Duration = Duration::from_secs(600);
@@ -53,6 +56,8 @@ pub(crate) struct WorkSample {
     pub(crate) now: Duration,
     /// Core-seconds of all children.
     pub(crate) cpu_s: f64,
+    /// Core-seconds in which the cores had nothing to do, where the system tells it.
+    pub(crate) idle_s: Option<f64>,
     /// Core-seconds of the sims within their measured window.
     pub(crate) sim_cpu_s: f64,
     pub(crate) env_steps: u64,
@@ -64,12 +69,13 @@ pub(crate) struct WorkSample {
 }
 
 impl WorkSample {
-    /// Makes the sample of a moment `now` at which the children have used `cpu_s` core-seconds.
-    pub(crate) fn new(now: Duration, cpu_s: f64, totals: &Totals) -> Self {
+    /// Makes the sample of a moment `now` at which the children have used `cpu_s` core-seconds, and nobody `idle_s`.
+    pub(crate) fn new(now: Duration, cpu_s: f64, idle_s: Option<f64>, totals: &Totals) -> Self {
         let sim = totals.sim();
         Self {
             now,
             cpu_s,
+            idle_s,
             sim_cpu_s: sim.cpu_s,
             env_steps: sim.env_steps,
             queries: sim.queries,
@@ -172,8 +178,12 @@ impl EnvTuner {
     /// Predicts the speed from the costs between two samples.
     fn trial(&self, start: &WorkSample, end: &WorkSample) -> EnvTrial {
         let per = |seconds: f64, count: u64| if count == 0 { 0.0 } else { seconds / count as f64 };
-        let wall_s = (end.now - start.now).as_secs_f64();
-        let utilisation = ((end.cpu_s - start.cpu_s) / (wall_s * self.n_cores)).clamp(0.0, 1.0);
+        let all_s = (end.now - start.now).as_secs_f64() * self.n_cores;
+        let used_s = (end.cpu_s - start.cpu_s).clamp(0.0, all_s);
+        // Within a quota, more cores may have been idle than the children may use.
+        let idle_s = end.idle_s.zip(start.idle_s).map_or(all_s, |(end, start)| (end - start).max(0.0));
+        let left_s = (used_s + idle_s).min(all_s);
+        let utilisation = if left_s > 0.0 { used_s / left_s } else { 1.0 };
         let (steps, queries) = (end.env_steps - start.env_steps, end.queries - start.queries);
         let physics_s = end.physics_s - start.physics_s;
         let render_s = end.render_s - start.render_s;
@@ -197,6 +207,7 @@ impl EnvTuner {
             envs: self.choice.envs,
             predicted: self.n_cores * utilisation / cost_s.max(f64::MIN_POSITIVE),
             utilisation,
+            foreign: 1.0 - left_s / all_s,
         }
     }
 
@@ -209,7 +220,8 @@ impl EnvTuner {
         let before = *envs;
         let factor = if trial.utilisation < LOW_UTILISATION { 4 } else { 2 };
         let more = envs.saturating_mul(factor).min(*max_envs);
-        let is_brisk = |envs: u32| trial.predicted >= BRISK_STEPS_PER_S * f64::from(envs);
+        let is_brisk =
+            |envs: u32| trial.foreign < DISTURBANCE && trial.predicted >= BRISK_STEPS_PER_S * f64::from(envs);
         let least = if is_brisk(more) { BRISK_MIN_SPEED } else { MIN_GAIN } * earlier;
         if trial.predicted > least && more > *envs {
             *envs = more;
@@ -235,13 +247,15 @@ mod tests {
 
     /// A machine of 2 cores whose costs follow a formula: an env-step takes 0.2 ms; a query takes `fixed_s`
     /// per batch of half of the envs, and `own_s` per env; the host sleeps for `sleep_s` per batch. A GPU, if
-    /// there is one, takes `gpu_s` per query, but as long as for `gpu_width` queries for less of them.
+    /// there is one, takes `gpu_s` per query, but as long as for `gpu_width` queries for less of them. Other programs
+    /// take the fraction `foreign` of the cores.
     struct FakeMachine {
         fixed_s: f64,
         own_s: f64,
         sleep_s: f64,
         gpu_s: f64,
         gpu_width: f64,
+        foreign: f64,
         steps: f64,
         sample: WorkSample,
     }
@@ -250,15 +264,16 @@ mod tests {
 
     impl FakeMachine {
         fn new(fixed_s: f64, own_s: f64, sleep_s: f64) -> Self {
-            let sample = WorkSample { hosts: vec![HostWork::default()], ..WorkSample::default() };
-            Self { fixed_s, own_s, sleep_s, gpu_s: 0.0, gpu_width: 1.0, steps: 0.0, sample }
+            let sample =
+                WorkSample { hosts: vec![HostWork::default()], idle_s: Some(0.0), ..WorkSample::default() };
+            Self { fixed_s, own_s, sleep_s, gpu_s: 0.0, gpu_width: 1.0, foreign: 0.0, steps: 0.0, sample }
         }
 
         /// Control steps per second with this number of envs, and core-seconds per control step.
         fn speed(&self, envs: u32) -> (f64, f64) {
             let batch = f64::from(envs) / 2.0;
             let cost_s = 2e-4 + (self.fixed_s / batch + self.own_s) / STEPS_PER_QUERY;
-            let wall_s = cost_s / 2.0 + self.sleep_s / batch / STEPS_PER_QUERY;
+            let wall_s = cost_s / (2.0 * (1.0 - self.foreign)) + self.sleep_s / batch / STEPS_PER_QUERY;
             let gpu_s = self.gpu_s * self.gpu_width.max(batch) / batch / STEPS_PER_QUERY;
             (1.0 / wall_s.max(gpu_s), cost_s)
         }
@@ -270,6 +285,8 @@ mod tests {
             let sample = &mut self.sample;
             sample.now += wall;
             sample.cpu_s += cost_s * steps;
+            let left_s = 2.0 * (1.0 - self.foreign) * wall.as_secs_f64();
+            sample.idle_s = sample.idle_s.map(|idle_s| idle_s + left_s - cost_s * steps);
             sample.sim_cpu_s += 2e-4 * steps;
             sample.physics_s += 2e-4 * steps;
             sample.env_steps = self.steps as u64;
@@ -313,6 +330,15 @@ mod tests {
         assert_eq!(numbers, [16, 32, 64, 128, 256]);
         let numbers = FakeMachine::new(0.0, 0.1, 0.0).tuned(Duration::from_secs(15));
         assert_eq!(numbers, [16, 32, 64], "128 envs would proceed at 4 steps per second each");
+    }
+
+    #[test]
+    fn foreign_load_is_no_idle_time() {
+        let machine = |fixed_s| FakeMachine { foreign: 0.7, ..FakeMachine::new(fixed_s, 1e-4, 0.0) };
+        let numbers = machine(0.0).tuned(Duration::from_secs(15));
+        assert_eq!(numbers, [16, 32, 16], "more envs cannot get more of the cores");
+        let numbers = machine(0.02).tuned(Duration::from_secs(15));
+        assert_eq!(numbers[..3], [16, 32, 64], "larger batches save time all the same");
     }
 
     #[test]

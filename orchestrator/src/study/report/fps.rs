@@ -255,8 +255,12 @@ fn busiest_s(device: Option<DeviceUse>, attached: &[AttachedUse]) -> Option<f64>
 fn choice_line(choice: &EnvChoice) -> String {
     let EnvChoice { envs, max_envs, trials } = choice;
     let trial = |trial: &EnvTrial| {
-        let EnvTrial { envs, predicted, utilisation } = trial;
-        format!("{envs} ({predicted:.0}, cores {:.0} % used)", 100.0 * utilisation)
+        let EnvTrial { envs, predicted, utilisation, foreign } = trial;
+        let others = match (100.0 * foreign).round() {
+            0.0 => String::new(),
+            percent => format!(", {percent} % taken by other programs"),
+        };
+        format!("{envs} ({predicted:.0}, cores {:.0} % used{others})", 100.0 * utilisation)
     };
     let listed: Vec<_> = trials.iter().map(trial).collect();
     let why = match listed.as_slice() {

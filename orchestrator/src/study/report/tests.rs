@@ -127,8 +127,8 @@ fn speed_and_bound_follow_their_definitions() {
         0,
         HostWork { queries: 100, batches: 20, busy_s: 2.0, cpu_s: 2.1, device_s: 0.0, flop: 150_000_000_000 },
     );
-    let trial = |envs, predicted, utilisation| EnvTrial { envs, predicted, utilisation };
-    let trials = vec![trial(16, 1400.0, 0.8), trial(32, 1410.0, 0.81)];
+    let trial = |envs, predicted, foreign| EnvTrial { envs, predicted, utilisation: 0.8, foreign };
+    let trials = vec![trial(16, 1400.0, 0.0), trial(32, 1410.0, 0.25)];
     totals.choice = Some(EnvChoice { envs: 16, max_envs: 256, trials });
     let fps = Fps::new(&totals, Duration::from_secs(4), CORES);
     assert_eq!((fps.env_steps_per_s, fps.process_env_steps_per_s), (Some(1500.0), 750.0));
@@ -147,7 +147,7 @@ fn speed_and_bound_follow_their_definitions() {
     core-seconds     physics 0.60, render 0.40, policy 2.00, transport 0.30, unused 0.70; sim idle for 0.10 s
     bound            2000.0 env-steps/s = c / (s + (r + w) / k) with c = 2 cores, s = 0.200 ms, r = 4.000 ms, w = 20.000 ms, k = 30.0; 75 % reached
     inference        75.0 GFLOP/s per core, 75 % of the 100.0 that a core reaches in f32 on registers only
-    envs             16, chosen from at most 256; expected env-steps/s: 16 (1400, cores 80 % used), 32 (1410, cores 81 % used)
+    envs             16, chosen from at most 256; expected env-steps/s: 16 (1400, cores 80 % used), 32 (1410, cores 80 % used, 25 % taken by other programs)
     ");
 }
 
