@@ -26,6 +26,10 @@ SLEEP_S = 0.1
 log = logging.getLogger("hypogeum")
 
 
+class PolicyLost(Exception):
+    """A policy that can answer no more; the host leaves, and the run repeats unanswered episodes with the next one."""
+
+
 @dataclass
 class Statistics:
     """Counts of the work done by `serve`."""
@@ -69,6 +73,7 @@ def serve(
     Raises:
         TimeoutError: No run appeared within `timeout_s`.
         RunRefused: `fn.on_attach` refused the run. With `forever`, this is logged instead.
+        PolicyLost: `fn` can answer no more.
     """
     # Imported here so that the rest of the package works without iceoryx2.
     from .link import Lane, RunEnded
@@ -127,11 +132,11 @@ class _Host:
         failure = fill = None
         try:
             fill = self.act(message)
-        except Exception as error:
+        except BaseException as error:
+            if isinstance(error, PolicyLost) or not isinstance(error, Exception):
+                message.release()
+                raise
             failure = error
-        except BaseException:
-            message.release()
-            raise
         # After the policy has read it: then the answer is to what was sent, or there is none.
         try:
             check_checksum(message.header, message.pages)
