@@ -11,6 +11,7 @@ pub mod models;
 pub mod nn;
 pub mod policy;
 pub mod serve;
+pub mod server;
 pub mod spec;
 pub mod text;
 pub mod weights;

@@ -46,8 +46,9 @@ class Statistics:
 
 
 def serve(
-    fn, name="mine", *, base=None, timeout_s=None, forever=False, on_error="report", ensemble_coeff=DEFAULT_COEFF
-):
+    fn, name="mine", *, base=None, timeout_s=None, forever=False, on_error="report", ensemble_coeff=DEFAULT_COEFF,
+    on_ready=None,
+):  # fmt: skip
     """Serve a policy function to `hypogeum run --policy ...=attach:NAME` until the run ends.
 
     If `fn` raises or returns an invalid result, the episodes in that message end with an error in the results, and the
@@ -66,6 +67,7 @@ def serve(
         on_error: `"report"` continues after an error of `fn`; `"raise"` detaches from the lane and raises it.
         ensemble_coeff: Coefficient with which a run with `--mode ensemble` is ensembled (see `TemporalEnsemble`). None
             sends the chunks of `fn` unchanged.
+        on_ready: Function that is called whenever the host has attached to a run.
 
     Returns:
         `Statistics` of the work done.
@@ -90,6 +92,8 @@ def serve(
             with Lane(endpoint) as lane:
                 log.info("serving %s, attached as %r", endpoint.root, name)
                 statistics.runs += 1
+                if on_ready is not None:
+                    on_ready()
                 ensembling = endpoint.mode == ENSEMBLE and ensemble_coeff is not None
                 policy = TemporalEnsemble(fn, ensemble_coeff) if ensembling else fn
                 _Host(lane, policy, on_error == "raise", statistics).run()

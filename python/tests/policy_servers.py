@@ -102,3 +102,59 @@ def served(server, port=0):
     finally:
         loop.call_soon_threadsafe(stop.set)
         thread.join(10)
+
+
+class VlaEvalServer:
+    """A server of vla-eval's protocol.
+
+    Args:
+        behaviour: Function from an observation to the payload of the ACTION, or to a whole message with a `type`.
+    """
+
+    def __init__(self, behaviour, version=1):
+        self.behaviour, self.version = behaviour, version
+        self.kinds = []
+
+    async def handle(self, connection):
+        async for data in connection:
+            found = msgpack.unpackb(data, object_hook=decode_strings)
+            assert set(found) == {"type", "payload", "seq", "timestamp"}
+            self.kinds.append(found["type"])
+            answer = {"timestamp": 0.0, "seq": found["seq"], "payload": {"protocol_version": self.version}, "type": "hello"}
+            if found["type"] == "observation":
+                payload = self.behaviour(found["payload"])
+                answer |= payload if "type" in payload else {"type": "action", "payload": payload}
+            if found["type"] in ("hello", "observation"):
+                await connection.send(msgpack.packb(answer, default=encode_strings))
+
+
+def encode_strings(array):
+    """Return an array in vla-eval's format."""
+    return {"__ndarray__": True, "data": array.tobytes(), "dtype": array.dtype.str, "shape": list(array.shape)}
+
+
+def decode_strings(fields):
+    if "__ndarray__" in fields:
+        return np.frombuffer(fields["data"], np.dtype(fields["dtype"])).reshape(fields["shape"])
+    return fields
+
+
+def vla_eval_policy(request):
+    """The policy behind vla-eval's protocol, with its default keys."""
+    image = request["images"]["external1_camera"]
+    return {"actions": chunk(image, request["state"][:8], request["task_description"])}
+
+
+def model_server(**options):
+    """Return a model server of the package vla-eval with the same policy, which runs in a thread."""
+    from vla_eval.api import serve_background
+    from vla_eval.model_servers.predict import PredictModelServer
+
+    class Policy(PredictModelServer):
+        def predict(self, obs, ctx):
+            return vla_eval_policy(obs)
+
+        def predict_batch(self, obs_batch, ctx_batch):
+            return [vla_eval_policy(obs) for obs in obs_batch]
+
+    return serve_background(Policy(**options))

@@ -173,12 +173,12 @@ def test_server_without_metadata_is_refused(metadata, words):
 @pytest.mark.parametrize(
     "mapping, words",
     [
-        ({"a": {"b": "front"}, "c": "hand"}, ["a.b: 'front': a single robot's state has no part", "cameras of the single robot: exter"]),
+        ({"a": {"b": "front"}, "c": "hand"}, ["a.b: 'front': a single robot's state has no part", "a single robot has the cameras exter"]),
         ({"state": ["qpos[0:8]"], "prompt": "instruction"}, ["no value is a camera"]),
         ({"a": "hand", "state": ["qpos[0:10]"]}, ["state: ['qpos[0:10]']: 'qpos[0:10]' needs bounds"]),
         ({"a": "hand", "b": 3}, ["b: 3: expected a camera, a list of parts of the state"]),
         ({"a": "hand", "b": []}, ["b: []: expected"]),
-        ({"a": "panda1_hand_camera"}, ["no part 'panda1_hand_camera'", "other sources: instruction, policy_seed, query"]),
+        ({"a": "panda1_hand_camera"}, ["no part 'panda1_hand_camera'", "tcp_pose 7, and instruction, policy_seed, query"]),
     ],
 )
 def test_mapping_without_source_is_refused(mapping, words):

@@ -88,13 +88,22 @@ struct LaneDescription<'a> {
     requested: QueryOptions,
 }
 
-/// Writes the descriptions of all lanes with a foreign host, and reports their paths.
+/// Returns the name under which the host of a policy in a server finds its lane, which no other run has.
+pub(crate) fn server_endpoint(run_id: u64, lane: u32) -> String {
+    format!("server.{run_id:016x}.{lane}")
+}
+
+/// Writes the descriptions of all lanes with a host in another language, and reports the paths of foreign ones.
 pub(crate) fn describe_foreign_lanes(
     config: &FleetConfig,
     domain: &Domain,
     observer: &mut dyn Observer,
 ) -> Result<(), FleetError> {
     for policy in &config.lanes {
+        if let PolicySpec::Server(_) = &policy.spec {
+            let name = server_endpoint(config.run_id, policy.lane.spec.lane);
+            write_lane_description(config, domain, &name, policy)?;
+        }
         if let PolicySpec::Attach(name) = &policy.spec {
             let path = write_lane_description(config, domain, name, policy)?;
             let policy = &policy.lane.spec.policy;

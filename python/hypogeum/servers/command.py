@@ -3,12 +3,19 @@
 import argparse
 import logging
 import os
+import signal
 import sys
 import threading
+import time
 from pathlib import Path
 from urllib.parse import urlsplit, urlunsplit
 
 from ..mapping import MappingError
+
+# Exit code of a run's child for an error that the user can fix.
+USER_ERROR = 2
+# Time to leave a lane.
+LEAVE_S = 2.0
 
 
 def make_parser(protocol, description, schemes):
@@ -29,8 +36,10 @@ def make_parser(protocol, description, schemes):
     parser.add_argument("--forever", action="store_true", help="serve the next run when one ends")
     parser.add_argument("--base", type=Path, help="folder that contains the runs")
     parser.add_argument("--timeout", type=float, metavar="S", help="exit if no run appears within S seconds")
-    # For a run that has started this program: its end closes the pipe.
-    parser.add_argument("--until-stdin-closes", action="store_true", help=argparse.SUPPRESS)
+    describe = "connect, print what the server says of itself, and exit"
+    parser.add_argument("--describe", action="store_true", help=describe)
+    # For a run that has started this program, which it tells when the host is ready and asks to exit by closing stdin.
+    parser.add_argument("--supervised", action="store_true", help=argparse.SUPPRESS)
     return parser
 
 
@@ -70,7 +79,7 @@ def serve_server(args, make_server, default):
 
     logging.basicConfig(level=logging.WARNING, format="%(message)s", force=True)
     logging.getLogger("hypogeum").setLevel(logging.INFO)
-    if args.until_stdin_closes:
+    if args.supervised:
         threading.Thread(target=exit_with_stdin, daemon=True).start()
     try:
         parts = parse_url(args.url, args.schemes)
@@ -78,15 +87,30 @@ def serve_server(args, make_server, default):
         policy = ServerPolicy(
             make_server(parts, settings), without_credentials(args.url), settings, default, args.connect
         )
+        if args.describe:
+            print(policy.connect() or "nothing")
+            return
         policy.connect()
-        print(serve(policy, args.name, base=args.base, timeout_s=args.timeout, forever=args.forever))
+        on_ready = tell_run if args.supervised else None
+        options = dict(base=args.base, timeout_s=args.timeout, forever=args.forever, on_ready=on_ready)
+        statistics = serve(policy, args.name, **options)
+        print(statistics, file=sys.stderr if args.supervised else sys.stdout)
     except (EndpointError, LinkError, MappingError, PolicyLost, RunRefused, TimeoutError) as error:
-        sys.exit(f"error: {error}")
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(USER_ERROR if args.supervised else 1)
     except KeyboardInterrupt:
         sys.exit(130)
+
+
+def tell_run():
+    """Tell the run that has started this program that the host is ready, as its own hosts do."""
+    print('{"Ready":{"load_ms":0.0}}', flush=True)
 
 
 def exit_with_stdin():
     """End this process when nobody holds the other end of its standard input anymore."""
     sys.stdin.buffer.read()
+    # Like Ctrl-C, so that the host leaves its lane, unless a call does not return.
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(LEAVE_S)
     os._exit(1)

@@ -45,13 +45,14 @@ class ServerPolicy:
         self.warned = set()
 
     def connect(self):
-        """Connect to the server, and say what it says of itself.
+        """Connect to the server, and return and log what it says of itself.
 
         Raises:
             PolicyLost: It cannot be reached in time.
         """
         metadata = self._open([0], time.monotonic() + self.connect_s)
         log.info("connected to %s%s", self.url, f", which says: {metadata}" if metadata else "")
+        return metadata
 
     def on_attach(self, run):
         """Prepare for a run; `serve` calls this with the run's `EndpointDescriptor`.

@@ -49,9 +49,8 @@ class Requests:
         if problems:
             parts = ", ".join(f"{part} {width}" for part, width in STATE_PARTS[morphology])
             raise MappingError(
-                "\n  ".join(["the mapping of a request cannot be provided:", *problems])
-                + f"\ncameras of the {morphology} robot: {', '.join(CAMERAS[morphology])}"
-                + f"\nstate parts of the {morphology} robot: {parts}\nother sources: {', '.join(WORDS)}"
+                f"the request to the server cannot be made: {'; '.join(problems)}; a {morphology} robot has the cameras "
+                f"{', '.join(CAMERAS[morphology])}, the state parts {parts}, and {', '.join(WORDS)}"
             )
 
     def request(self, env):
