@@ -139,19 +139,15 @@ def test_restarted_server_is_found_again(caplog):
     with served(OpenPiServer(openpi_policy)) as port:
         found = attach(port)
         assert len(found(observation(n_envs=2))) == 2
-    with pytest.raises(ServerError, match="closed the connection"):
-        found(observation(n_envs=2))
     with served(OpenPiServer(openpi_policy), port):
         assert len(found(observation(n_envs=2))) == 2
-    assert caplog.text.count("connected to") == 1
+    assert caplog.text.count("connected to") == caplog.text.count("the server has closed 2 of 2 connections") == 1
 
 
 def test_server_that_stays_away_is_given_up(monkeypatch, caplog):
     shorten(monkeypatch, 1, queued_s=0)
     with served(OpenPiServer(openpi_policy)) as port:
         found = attach(port)
-        found(observation(n_envs=2))
-    with pytest.raises(ServerError, match="closed the connection"):
         found(observation(n_envs=2))
     with pytest.raises(PolicyLost, match=r"cannot be reached \(.*refused|Connect call failed.*start the server"):
         found(observation(n_envs=2))

@@ -10,6 +10,7 @@ import time
 
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidURI, WebSocketException
+from websockets.protocol import State
 
 from .answers import ConnectionLost, ServerError
 
@@ -40,9 +41,15 @@ class Sockets:
     def open(self, keys, deadline):
         """Connect the keys that are not connected, in as many attempts as fit, and return the server's metadata.
 
+        Connections that the server has closed meanwhile are replaced.
+
         Raises:
             ConnectionLost: The server cannot be reached until the deadline.
         """
+        closed = [key for key, connection in self.connections.items() if connection.state is not State.OPEN]
+        if closed:
+            log.warning("the server has closed %d of %d connections", len(closed), len(self.connections))
+            self.drop(closed)
         missing = sorted(set(keys) - self.connections.keys())
         if missing:
             self._run(self._open(missing, deadline), missing, deadline)
