@@ -42,7 +42,10 @@ pub enum PolicySpecError {
     Argument { kind: String, found: String },
     #[error("policy `{kind}` knows the option `?steps=N` with N from 1 to {max}, found `?{found}`")]
     Option { kind: String, max: u32, found: String },
-    #[error("policy `{kind}` knows the options {} (URL?mapping=FILE&…), found `{found}`", ServerOption::names())]
+    #[error(
+        "policy `{kind}` knows the options {} (URL?mapping=FILE&…), found `{found}`",
+        ServerOption::names()
+    )]
     ServerOption { kind: String, found: String },
 }
 

@@ -120,7 +120,8 @@ class LeRobotAsync:
 
     def close(self):
         """Close the connection, so that the next observation opens another one."""
-        self.channel.close()
+        if self.channel is not None:
+            self.channel.close()
         self.channel = self.stub = None
 
 

@@ -49,6 +49,10 @@ class OpenPi:
     def prepare(self, requests):
         """Do nothing: this protocol needs to know nothing beforehand."""
 
+    def close(self):
+        """Close all connections."""
+        self.sockets.close()
+
     def encode(self, requests, envs):
         """Return one message per request."""
         return [self.packing.pack(request) for request in requests]
@@ -79,7 +83,8 @@ def talk(messages):
     return exchange
 
 
-def default_mapping(_morphology):
+def no_mapping(_morphology=None):
+    """Raise `MappingError`, because the keys of a checkpoint cannot be guessed."""
     raise MappingError(
         "openpi's servers expect the keys that their checkpoint was trained with; name them with --mapping FILE, such "
         f"as {json.dumps(EXAMPLE)}"
@@ -92,8 +97,12 @@ def main(argv=None):
     args = parser.parse_args(argv)
     if args.connections < 1:
         parser.error(f"--connections is {args.connections}, expected at least 1")
+
+    def make_server(_parts, settings):
+        return OpenPi(args.url, args.connections) if settings.get("mapping") else no_mapping()
+
     with explained(INSTALL):
-        serve_server(args, lambda _parts, _settings: OpenPi(args.url, args.connections), default_mapping)
+        serve_server(args, make_server, no_mapping)
 
 
 if __name__ == "__main__":

@@ -46,6 +46,10 @@ class VlaEval:
     def prepare(self, requests):
         """Do nothing: this protocol needs to know nothing beforehand."""
 
+    def close(self):
+        """Close all connections."""
+        self.sockets.close()
+
     def encode(self, requests, envs):
         """Return the messages per request, each with its sequence number: one that starts the episode, if it is new."""
         return [

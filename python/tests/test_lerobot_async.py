@@ -129,7 +129,7 @@ def test_run_gives_the_rows_of_the_policy(checkpoint, server):
 
     rows = []
     lines = (
-        ["-m", "hypogeum.lerobot", "mine", checkpoint],
+        ["-m", "hypogeum.lerobot", "mine", checkpoint, "--threads", "1"],
         ["-m", "hypogeum.lerobot_async", f"grpc://{server}", "mine", "--checkpoint", checkpoint],
     )
     for line in lines:

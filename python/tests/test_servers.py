@@ -19,7 +19,7 @@ from policy_servers import OpenPiServer, openpi_policy, served
 
 from hypogeum.host import PolicyLost
 from hypogeum.mapping import MappingError
-from hypogeum.openpi import EXAMPLE, OpenPi, default_mapping
+from hypogeum.openpi import EXAMPLE, OpenPi, no_mapping
 from hypogeum.servers import policy as policy_module
 from hypogeum.servers.answers import ServerError
 from hypogeum.servers.command import parse_url, without_credentials
@@ -37,7 +37,7 @@ MAPPING = {
 def attach(port, settings=None, run=None, connect_s=5):
     """Return a policy that is connected and attached to a run."""
     url = f"ws://127.0.0.1:{port}"
-    found = ServerPolicy(OpenPi(url, 2), url, settings or {"mapping": MAPPING}, default_mapping, connect_s)
+    found = ServerPolicy(OpenPi(url, 2), url, settings or {"mapping": MAPPING}, no_mapping, connect_s)
     found.connect()
     found.on_attach(run or attached())
     return found
@@ -103,17 +103,16 @@ def test_action_that_is_not_finite_is_told_once(caplog):
     assert sum("not finite; their episodes end with an error" in line for line in caplog.messages) == 1
 
 
-def shorten(monkeypatch, timeout_s, queued_s=policy_module.QUEUED_S):
-    """Shorten the lane's timeout, less the margin, for a test."""
-    monkeypatch.setattr(policy_module, "ANSWER_TIMEOUT_S", policy_module.MARGIN_S + timeout_s)
+def shorten(monkeypatch, found, timeout_s, queued_s=policy_module.QUEUED_S):
+    """Shorten the time for an answer, less the margin, for a test."""
+    found.timeout_s = timeout_s
     monkeypatch.setattr(policy_module, "QUEUED_S", queued_s)
     monkeypatch.setattr(policy_module, "LEAST_S", timeout_s / 2)
 
 
 def test_silent_server_is_given_up(monkeypatch):
-    shorten(monkeypatch, 0.3, queued_s=0)
     with served(OpenPiServer(lambda number, request: None)) as port:
-        found = attach(port)
+        shorten(monkeypatch, found := attach(port), 0.3, queued_s=0)
         for _ in range(2):
             start = time.monotonic()
             with pytest.raises(ServerError, match=r"sent nothing within 0 s; a new connection"):
@@ -124,9 +123,8 @@ def test_silent_server_is_given_up(monkeypatch):
 
 
 def test_queued_observation_shares_the_deadline(monkeypatch):
-    shorten(monkeypatch, 1)
     with served(OpenPiServer(lambda number, request: None)) as port:
-        found = attach(port)
+        shorten(monkeypatch, found := attach(port), 1)
         start = time.monotonic()
         for words in ("sent nothing within 1 s", "too late for this observation, which waited behind"):
             with pytest.raises(ServerError, match=words):
@@ -145,9 +143,8 @@ def test_restarted_server_is_found_again(caplog):
 
 
 def test_server_that_stays_away_is_given_up(monkeypatch, caplog):
-    shorten(monkeypatch, 1, queued_s=0)
     with served(OpenPiServer(openpi_policy)) as port:
-        found = attach(port)
+        shorten(monkeypatch, found := attach(port), 1, queued_s=0)
         found(observation(n_envs=2))
     with pytest.raises(PolicyLost, match=r"cannot be reached \(.*refused|Connect call failed.*start the server"):
         found(observation(n_envs=2))
@@ -185,7 +182,7 @@ def test_mapping_without_source_is_refused(mapping, words):
 
 def test_openpi_without_mapping_shows_one():
     with pytest.raises(MappingError, match="--mapping FILE") as error:
-        default_mapping("single")
+        no_mapping("single")
     shown = json.loads(str(error.value).split("such as ")[1])
     assert shown == EXAMPLE and len(Requests(shown["mapping"], "single").cameras) == 2
 
@@ -239,7 +236,8 @@ def command(module, *arguments, path=()):
 @pytest.mark.parametrize("module", ["openpi", "vla_eval"])
 def test_command_explains_what_is_missing(module, tmp_path):
     (tmp_path / "websockets.py").write_text("raise ModuleNotFoundError(\"No module named 'websockets'\")\n")
-    done = command(module, "ws://localhost:1", "mine", path=[tmp_path])
+    (mapping := tmp_path / "mapping.json").write_text(json.dumps({"mapping": MAPPING}))
+    done = command(module, "ws://localhost:1", "mine", "--mapping", str(mapping), path=[tmp_path])
     extra = module.replace("_", "-")
     expected = f"error: No module named 'websockets'; install what is missing: pip install './python[{extra}]'\n"
     assert (done.returncode, done.stderr) == (1, expected)
@@ -251,8 +249,11 @@ def test_command_says_why_it_cannot_serve(tmp_path):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         url = f"ws://127.0.0.1:{free.getsockname()[1]}"
-    done = command("openpi", url, "mine", "--connect", "0.2")
+    (mapping := tmp_path / "mapping.json").write_text(json.dumps({"mapping": MAPPING}))
+    done = command("openpi", url, "mine", "--mapping", str(mapping), "--connect", "0.2")
     assert done.returncode == 1 and done.stderr.startswith(f"error: {url} cannot be reached (") and "\n" == done.stderr[-1:]
+    done = command("openpi", url, "mine")
+    assert done.returncode == 1 and "name them with --mapping FILE, such as {" in done.stderr
     done = command("vla_eval", "localhost", "mine")
     assert (done.returncode, done.stderr.count("\n")) == (1, 1) and "'localhost' is no address" in done.stderr
     done = command("openpi", url, "mine", "--mapping", str(tmp_path / "none"))

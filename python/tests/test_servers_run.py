@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -30,14 +31,14 @@ MAPPING = """{"mapping": {"observation/image": "external1", "observation/state":
 class Trial:
     """A run of ten episodes in a temporary folder, and its hosts."""
 
-    def __init__(self, *options, policy="p=attach:mine"):
+    def __init__(self, *options, policy="p=attach:mine", episodes=10):
         self.dir = Path(tempfile.mkdtemp(prefix="hyp"))
         (self.dir / "mapping.json").write_text(MAPPING)
         paths = os.pathsep.join([str(HERE), str(HERE.parent), *sys.path])
         self.env = {**os.environ, "XDG_RUNTIME_DIR": str(self.dir), "PYTHONPATH": paths}
         self.children = []
-        line = ["run", "--policy", policy, "--tasks", "RaiseCube", "--episodes", "10", "--db", "r.db", *options]
-        self.process = self.start([HYPOGEUM, *line])
+        line = ["run", "--policy", policy, "--tasks", "RaiseCube", "--episodes", str(episodes), *options]
+        self.process = self.start([HYPOGEUM, *line, "--db", "r.db"])
 
     def start(self, line):
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -144,3 +145,69 @@ def test_killed_host_is_replaced_without_a_trace(direct):
         code, _, err = finish(run.process)
         assert code == 0 and finish(second)[0] == 0, err
         assert run.rows() == direct
+
+
+def started(port, module, query, python=sys.executable, options=()):
+    """Return a run that starts the module itself, after it has ended: exit code, standard error and rows."""
+    spec = f"p={module}:ws://user:secret@127.0.0.1:{port}{query}"
+    with trial("--execute", "10", "--python", python, *options, policy=spec) as run:
+        code, _, err = finish(run.process)
+        has_rows = (run.dir / "r.db").exists()
+        assert not list((run.dir / "hypogeum").glob("*/attach"))
+        return code, err, run.rows() if has_rows else []
+
+
+@pytest.mark.parametrize(
+    "module, query, server",
+    [("openpi", "?mapping=mapping.json", OpenPiServer(openpi_policy)), ("vla-eval", "", VlaEvalServer(vla_eval_policy))],
+)
+def test_run_starts_the_module_itself(direct, module, query, server):
+    with served(server) as port:
+        code, err, rows = started(port, module, query)
+    assert code == 0, err
+    assert rows == direct and "secret" not in err
+    assert module != "openpi" or "the server says of itself: {'robot': 'panda'}" in err
+
+
+def test_missing_parts_are_told_before_the_run(tmp_path):
+    (tmp_path / "mapping.json").write_text(MAPPING)
+    query = f"?mapping={tmp_path / 'mapping.json'}"
+    with served(OpenPiServer(openpi_policy)) as port:
+        cases = [
+            (dict(query=query, python="no-python"), "failed to start no-python; choose a Python interpreter with --python"),
+            (dict(query=query, python=bare_python(tmp_path)), "has no module hypogeum.openpi: install the package"),
+            (dict(query=""), "openpi's servers expect the keys that their checkpoint was trained with"),
+            (dict(query="?mapping=none.json"), "none.json"),
+            (dict(query="?map=x"), "policy `openpi` knows the options mapping, connections, checkpoint, type, device"),
+        ]
+        for arguments, words in cases:
+            code, err, rows = started(port, "openpi", **arguments)
+            assert (code, rows) == (2, []) and words in err, err
+    code, err, _ = started(1, "vla-eval", "")
+    assert code == 2 and "ws://127.0.0.1:1 cannot be reached" in err, err
+
+
+def bare_python(folder):
+    """Return an interpreter without packages."""
+    (path := folder / "python").write_text(f'#!/bin/sh\nunset PYTHONPATH\nexec {sys.executable} -I -S "$@"\n')
+    path.chmod(0o755)
+    return str(path)
+
+
+def test_server_that_ends_ends_the_run():
+    server = OpenPiServer(openpi_policy)
+    with served(server) as port:
+        spec = f"p=openpi:ws://127.0.0.1:{port}?mapping=mapping.json"
+        run = Trial("--execute", "1", "--python", sys.executable, policy=spec, episodes=1000)
+        while server.n_requests < 100 and run.process.poll() is None:
+            time.sleep(0.01)
+    try:
+        # The module waits for the server until the run would give it up; a stop ends both at once.
+        run.process.send_signal(signal.SIGINT)
+        start = time.monotonic()
+        code, _, err = finish(run.process)
+        assert code == 130 and time.monotonic() - start < 10, err
+        found = subprocess.run(["pgrep", "-f", f"127.0.0.1:{port}"], capture_output=True, text=True, check=False)
+        assert found.stdout == ""
+    finally:
+        run.close()

@@ -54,8 +54,7 @@ pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
 /// Replaces this process by the Python module that asks a server. Returns only if that fails.
 fn become_python(config: &HostConfig, server: &PolicyServer) -> Result<ExitStatus, Failure> {
     let python = &config.run.resources.python;
-    let mut command =
-        python::command(python, server, &server_endpoint(config.run_id, config.lane.lane));
+    let mut command = python::command(python, server, &server_endpoint(config.run_id, config.lane.lane));
     if let Some(base) = config.domain.root.parent() {
         command.arg("--base").arg(base);
     }

@@ -82,6 +82,7 @@ struct LaneDescription<'a> {
     schema_hash: String,
     morphologies: &'a [Morphology],
     images: bool,
+    answer_timeout_s: u32,
     execute: u32,
     mode: QueryMode,
     /// The user's request: a host that was trained for something else can say so.
@@ -129,6 +130,7 @@ fn write_lane_description(
         schema_hash: format!("{SCHEMA_HASH:#018x}"),
         morphologies: &config.morphologies,
         images: lane.images,
+        answer_timeout_s: lane.answer_timeout_s,
         execute: execution.execute,
         mode: execution.mode,
         requested: config.run.query,

@@ -28,7 +28,8 @@ pub(crate) fn describe(python: &Path, server: &PolicyServer) -> anyhow::Result<S
         return Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned());
     }
     let log = String::from_utf8_lossy(&output.stderr);
-    let last = log.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it ended without a message").trim();
+    let last =
+        log.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it ended without a message").trim();
     if last.contains("No module named 'hypogeum") || last.contains("No module named hypogeum") {
         let extra = server.protocol.name();
         bail!(

@@ -12,7 +12,7 @@ use run_config::{Execution, RunConfig};
 
 use crate::console::exit::{Failure, OrUser};
 use crate::console::interrupt;
-use crate::fleet::{self, python, Fleet, FleetConfig, FleetError, FleetEvent, Observer, RunStatus, Totals};
+use crate::fleet::{self, Fleet, FleetConfig, FleetError, FleetEvent, Observer, RunStatus, Totals, python};
 use crate::plan::capacity::Capacity;
 use crate::plan::jobs::{Job, JobKey, JobList};
 use crate::plan::lanes::lanes;

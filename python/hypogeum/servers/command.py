@@ -81,6 +81,7 @@ def serve_server(args, make_server, default):
     logging.getLogger("hypogeum").setLevel(logging.INFO)
     if args.supervised:
         threading.Thread(target=exit_with_stdin, daemon=True).start()
+    policy = None
     try:
         parts = parse_url(args.url, args.schemes)
         settings = {} if args.mapping is None else read_mapping(args.mapping)
@@ -100,6 +101,9 @@ def serve_server(args, make_server, default):
         sys.exit(USER_ERROR if args.supervised else 1)
     except KeyboardInterrupt:
         sys.exit(130)
+    finally:
+        if policy is not None:
+            policy.server.close()
 
 
 def tell_run():
@@ -109,7 +113,9 @@ def tell_run():
 
 def exit_with_stdin():
     """End this process when nobody holds the other end of its standard input anymore."""
-    sys.stdin.buffer.read()
+    # Past the interpreter's buffer, which it could not lock at its own end.
+    while os.read(sys.stdin.fileno(), 1):
+        pass
     # Like Ctrl-C, so that the host leaves its lane, unless a call does not return.
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(LEAVE_S)

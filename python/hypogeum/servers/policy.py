@@ -13,8 +13,7 @@ from ..mapping import MappingError
 from .answers import ConnectionLost, ServerError
 from .requests import Requests
 
-# The lane's timeout for answers (`Lane::ANSWER_TIMEOUT_S` of the run), and the part of it that is left for the way back.
-ANSWER_TIMEOUT_S = 120.0
+# Part of the lane's timeout that is left for the way back.
 MARGIN_S = 5.0
 # Gap between two messages below which the second one may have been waiting since the first one was received.
 QUEUED_S = 0.1
@@ -40,6 +39,7 @@ class ServerPolicy:
     def __init__(self, server, url, settings, default, connect_s):
         self.server, self.url, self.settings, self.default, self.connect_s = server, url, settings, default, connect_s
         self.requests = self.morphology = None
+        self.timeout_s = None
         self.n_lost = 0
         self.previous = (float("-inf"), float("-inf"))
         self.warned = set()
@@ -71,6 +71,7 @@ class ServerPolicy:
         self.morphology = morphology or found[0]
         sources = self.settings.get("mapping") or self.default(self.morphology)
         self.requests = Requests(sources, self.morphology)
+        self.timeout_s = run.answer_timeout_s - MARGIN_S
         self.server.prepare(self.requests)
         self._open([0], time.monotonic() + self.connect_s)
         log.info("%s %s", self.url, ChunkSettings().resolve(run).note)
@@ -79,7 +80,7 @@ class ServerPolicy:
         started, (previous, ended) = time.monotonic(), self.previous
         # The lane's clock runs since the message was sent, perhaps while the previous one was being answered.
         sent = previous if started - ended < QUEUED_S else started
-        deadline = sent + ANSWER_TIMEOUT_S - MARGIN_S
+        deadline = sent + self.timeout_s
         try:
             return self.answer(observation, deadline)
         finally:

@@ -7,6 +7,7 @@ import asyncio
 import logging
 import threading
 import time
+from concurrent.futures import wait
 
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidURI, WebSocketException
@@ -65,10 +66,13 @@ class Sockets:
         return dict(zip(conversations, self._run(gather(coroutines), conversations, deadline)))
 
     def drop(self, keys):
-        """Close the connections of some keys."""
-        for connection in [self.connections.pop(key, None) for key in keys]:
-            if connection is not None:
-                asyncio.run_coroutine_threadsafe(connection.close(), self.loop)
+        """Close the connections of some keys, and return the futures of that."""
+        connections = [self.connections.pop(key) for key in keys if key in self.connections]
+        return [asyncio.run_coroutine_threadsafe(connection.close(), self.loop) for connection in connections]
+
+    def close(self):
+        """Close all connections."""
+        wait(self.drop(list(self.connections)), GRACE_S)
 
     def _run(self, coroutine, keys, deadline):
         left = max(deadline - time.monotonic(), 0)
