@@ -1,7 +1,8 @@
-"""Serve the policy of LeRobot's async inference: `python -m hypogeum.lerobot_async grpc://HOST:PORT NAME --checkpoint PATH`.
+"""Serve the policy of LeRobot's async inference: `python -m hypogeum.lerobot_async grpc://HOST:PORT NAME ...`.
 
-Both sides unpickle what the other one sends, so that each can run any code on the other: use it among trusted hosts only.
-The server loads the checkpoint, a folder on its machine or a name on the hub, and answers one observation at a time.
+Both sides unpickle what the other one sends, so that each can run any code on the other: only for hosts that trust each
+other. The server loads a checkpoint, a folder on its machine or a name on the hub, and answers one observation at a
+time.
 """
 
 import itertools
@@ -10,7 +11,6 @@ import pickle
 import time
 from pathlib import Path
 
-from .execution import ENSEMBLE
 from .layout import MAX_HORIZON
 from .lerobot.kinds import CURRENT
 from .mapping import IMAGES, STATE, MappingError, default_parts
@@ -63,9 +63,7 @@ class LeRobotAsync:
             else:
                 values |= {entry: float(number) for entry, number in zip(names_of(name, len(value)), value)}
         # `must_go`: the server skips what resembles its last observation, even one of another episode.
-        timed = self.helpers.TimedObservation(
-            timestamp=time.time(), timestep=timestep, observation=values, must_go=True
-        )
+        timed = self.helpers.TimedObservation(time.time(), timestep, observation=values, must_go=True)
         return timestep, pickle.dumps(timed)
 
     def open(self, slots, deadline):
@@ -151,7 +149,7 @@ def read_config(checkpoint):
 
 
 def default_mapping(config, morphology):
-    """Return the mapping by the names and widths of a checkpoint's features, or of our datasets if it is not at hand."""
+    """Return the mapping by the names and widths of a checkpoint's features, or else of those in our datasets."""
     features = config.get("input_features")
     if features is None:
         images = {IMAGES + camera.removesuffix("_camera"): camera for camera in CAMERAS[morphology]}
@@ -167,21 +165,24 @@ def check_mapping(settings):
     """Raise `MappingError` for a request that LeRobot's server does not take."""
     for name, source in settings.get("mapping", {}).items():
         if isinstance(source, dict) or not (name.startswith(IMAGES) or name == STATE):
-            raise MappingError(f"{name}: LeRobot's server takes {IMAGES}NAME and {STATE}; the instruction is always sent")
+            raise MappingError(
+                f"{name}: LeRobot's server takes {IMAGES}NAME and {STATE}; the instruction is always sent"
+            )
 
 
 def main(argv=None):
     parser = make_parser("lerobot_async", __doc__, ("grpc",))
-    parser.add_argument("--checkpoint", required=True, help="checkpoint that the server loads: its folder there, or hub name")
-    parser.add_argument("--type", choices=sorted(CURRENT), metavar="TYPE", help="LeRobot's type of the policy, such as act")
+    checkpoint = "what the server loads: a folder on its machine, or a name on the hub"
+    parser.add_argument("--checkpoint", required=True, metavar="PATH", help=checkpoint)
+    parser.add_argument("--type", metavar="TYPE", help="LeRobot's type of the policy, such as act")
     parser.add_argument("--device", default="cpu", help="torch device of the server (default: cpu)")
     args = parser.parse_args(argv)
     config = read_config(args.checkpoint)
     kind = args.type or config.get("type")
     if kind not in CURRENT:
         parser.error(
-            f"the checkpoint's type is {kind!r}; name it with --type, one of {', '.join(sorted(CURRENT))}, whose "
-            "chunks depend on the current observation alone"
+            f"the checkpoint's type is {kind!r}; set --type to one of {', '.join(sorted(CURRENT))}, whose chunks "
+            "depend on the current observation alone"
         )
 
     def make_server(parts, settings):

@@ -12,7 +12,7 @@ from .servers.answers import actions_of, receive
 from .servers.command import make_parser, serve_server
 
 INSTALL = "pip install './python[openpi]'"
-# A request like that of openpi's own example for LIBERO. The keys belong to a checkpoint's training configuration.
+# A request like that of openpi's own example for LIBERO. The keys are those of a training configuration.
 EXAMPLE = {
     "mapping": {
         "observation/image": "external1_camera",
@@ -26,7 +26,7 @@ EXAMPLE = {
 class OpenPi:
     """Connections to an openpi server.
 
-    Its server computes one answer at a time, so that several connections keep it busy: while it computes one, the others'
+    The server computes one answer at a time, so that several connections keep it busy: while it computes, the next
     requests wait where it reads them. A slot always uses the same connection.
 
     Args:

@@ -1,10 +1,11 @@
-"""Policies in LeRobot's own server for async inference. Needs lerobot[async] and, for a run, HYPOGEUM set to the binary."""
+"""Policies in LeRobot's own server for async inference.
+
+Needs lerobot[async] and, for a run, HYPOGEUM set to the binary.
+"""
 
 import os
-import sys
 from concurrent import futures
 
-import numpy as np
 import pytest
 
 os.environ.setdefault("HF_HUB_OFFLINE", "1")

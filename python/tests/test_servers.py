@@ -1,4 +1,7 @@
-"""Policies in servers: requests, answers that are none, lost connections, command lines. Needs websockets and msgpack."""
+"""Policies in servers: requests, answers that are none, lost connections, command lines.
+
+Needs websockets and msgpack.
+"""
 
 import json
 import logging
@@ -251,7 +254,7 @@ def test_command_says_why_it_cannot_serve(tmp_path):
         url = f"ws://127.0.0.1:{free.getsockname()[1]}"
     (mapping := tmp_path / "mapping.json").write_text(json.dumps({"mapping": MAPPING}))
     done = command("openpi", url, "mine", "--mapping", str(mapping), "--connect", "0.2")
-    assert done.returncode == 1 and done.stderr.startswith(f"error: {url} cannot be reached (") and "\n" == done.stderr[-1:]
+    assert done.returncode == 1 and done.stderr.startswith(f"error: {url} cannot be reached (")
     done = command("openpi", url, "mine")
     assert done.returncode == 1 and "name them with --mapping FILE, such as {" in done.stderr
     done = command("vla_eval", "localhost", "mine")

@@ -38,7 +38,7 @@ def make_parser(protocol, description, schemes):
     parser.add_argument("--timeout", type=float, metavar="S", help="exit if no run appears within S seconds")
     describe = "connect, print what the server says of itself, and exit"
     parser.add_argument("--describe", action="store_true", help=describe)
-    # For a run that has started this program, which it tells when the host is ready and asks to exit by closing stdin.
+    # For a run that has started this program: it learns when the host is ready, and closes stdin to end it.
     parser.add_argument("--supervised", action="store_true", help=argparse.SUPPRESS)
     return parser
 
@@ -89,7 +89,7 @@ def serve_server(args, make_server, default):
             make_server(parts, settings), without_credentials(args.url), settings, default, args.connect
         )
         if args.describe:
-            print(policy.connect() or "nothing")
+            print(policy.connect())
             return
         policy.connect()
         on_ready = tell_run if args.supervised else None

@@ -19,6 +19,8 @@ MARGIN_S = 5.0
 QUEUED_S = 0.1
 # Shortest time in which a server is asked at all.
 LEAST_S = 3.0
+# Characters of what a server says of itself that are shown.
+MAX_SAID = 300
 # Lost connections in a row after which the server is given up.
 MAX_LOST = 3
 
@@ -51,8 +53,9 @@ class ServerPolicy:
             PolicyLost: It cannot be reached in time.
         """
         metadata = self._open([0], time.monotonic() + self.connect_s)
-        log.info("connected to %s%s", self.url, f", which says: {metadata}" if metadata else "")
-        return metadata
+        said = " ".join(str(metadata or "nothing").split())[:MAX_SAID]
+        log.info("connected to %s, which says of itself: %s", self.url, said)
+        return said
 
     def on_attach(self, run):
         """Prepare for a run; `serve` calls this with the run's `EndpointDescriptor`.

@@ -49,8 +49,8 @@ class Requests:
         if problems:
             parts = ", ".join(f"{part} {width}" for part, width in STATE_PARTS[morphology])
             raise MappingError(
-                f"the request to the server cannot be made: {'; '.join(problems)}; a {morphology} robot has the cameras "
-                f"{', '.join(CAMERAS[morphology])}, the state parts {parts}, and {', '.join(WORDS)}"
+                f"the request to the server cannot be made: {'; '.join(problems)}; a {morphology} robot has the "
+                f"cameras {', '.join(CAMERAS[morphology])}, the state parts {parts}, and {', '.join(WORDS)}"
             )
 
     def request(self, env):
