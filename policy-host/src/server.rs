@@ -121,15 +121,21 @@ impl PolicyServer {
 impl fmt::Display for PolicyServer {
     /// Writes the address without a user and a password, and the options.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (scheme, rest) = self.url.split_once("://").unwrap_or(("", &self.url));
-        let (authority, path) = rest.split_at(rest.find('/').unwrap_or(rest.len()));
-        let host = authority.rsplit_once('@').map_or(authority, |(_, host)| host);
-        write!(f, "{scheme}{}{host}{path}", if scheme.is_empty() { "" } else { "://" })?;
+        f.write_str(&without_credentials(&self.url))?;
         for (idx, (option, value)) in self.options.iter().enumerate() {
             write!(f, "{}{}={value}", if idx == 0 { '?' } else { '&' }, option.name())?;
         }
         Ok(())
     }
+}
+
+/// Returns a text with an address in it without the address's user and password.
+#[must_use]
+pub fn without_credentials(text: &str) -> String {
+    let Some((before, address)) = text.split_once("://") else { return text.to_owned() };
+    let (authority, path) = address.split_at(address.find(['/', '?']).unwrap_or(address.len()));
+    let host = authority.rsplit_once('@').map_or(authority, |(_, host)| host);
+    format!("{before}://{host}{path}")
 }
 
 #[cfg(test)]
@@ -152,6 +158,9 @@ mod tests {
         let server = PolicyServer::parse(ServerProtocol::VlaEval, "wss://user:secret@host:8000").unwrap();
         assert_eq!(server.to_string(), "wss://host:8000");
         assert_eq!(server.arguments("name")[2], "wss://user:secret@host:8000");
+        let word = "p=openpi:ws://user:secret@host:1?mapping=a@b";
+        assert_eq!(without_credentials(word), "p=openpi:ws://host:1?mapping=a@b");
+        assert_eq!(without_credentials("p=act:a@b"), "p=act:a@b");
     }
 
     #[test]
