@@ -11,7 +11,6 @@ pub mod models;
 pub mod nn;
 pub mod policy;
 pub mod serve;
-pub mod server;
 pub mod spec;
 pub mod text;
 pub mod weights;

@@ -127,6 +127,7 @@ def test_lost_connection_costs_only_its_episodes(direct):
         code, out, err = finish(host)
         assert code == 0 and "failed=1" in out
         assert err.count("closed the connection (") == 1 and "a new connection is opened" in err
+        assert "keep copies" not in err
         rows = run.rows()
     lost = [row for row in rows if row[8] is not None]
     assert 0 < len(lost) < 10 and {row[8] for row in lost} == {"the policy host could not answer; see its log"}

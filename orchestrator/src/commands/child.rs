@@ -7,7 +7,7 @@ use clap::Args;
 use ipc_types::link::Domain;
 use policy_host::PolicySpec;
 use policy_host::serve::{HostConfig, ServeError};
-use policy_host::server::PolicyServer;
+use policy_host::spec::server::PolicyServer;
 use serde::de::DeserializeOwned;
 use sim::serve::SimError;
 use sim::serve::protocol::SimConfig;

@@ -94,7 +94,8 @@ pub(crate) fn server_endpoint(run_id: u64, lane: u32) -> String {
     format!("server.{run_id:016x}.{lane}")
 }
 
-/// Writes the descriptions of all lanes with a host in another language, and reports the paths of foreign ones.
+/// Writes the descriptions of all lanes whose host may be in another language, and reports the paths of
+/// foreign ones.
 pub(crate) fn describe_foreign_lanes(
     config: &FleetConfig,
     domain: &Domain,

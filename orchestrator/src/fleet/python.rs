@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use anyhow::{Context, bail};
-use policy_host::server::PolicyServer;
+use policy_host::spec::server::PolicyServer;
 
 /// Returns the command that offers the policy in a server as a host called `name`.
 pub(crate) fn command(python: &Path, server: &PolicyServer, name: &str) -> Command {

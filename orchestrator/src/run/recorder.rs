@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use policy_host::server::without_credentials;
+use policy_host::spec::server::without_credentials;
 use run_config::trace::{self, Activity};
 use serde_json::{Value, json};
 

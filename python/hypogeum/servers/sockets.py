@@ -7,7 +7,7 @@ import asyncio
 import logging
 import threading
 import time
-from concurrent.futures import wait
+from concurrent import futures
 
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidURI, WebSocketException
@@ -20,6 +20,9 @@ MAX_BYTES = 1 << 24
 RETRY_INTERVAL_S = 0.5
 # Time by which a thread may be late.
 GRACE_S = 1.0
+
+# Python 3.10 has three classes of this name.
+LATE = (TimeoutError, asyncio.TimeoutError, futures.TimeoutError)
 
 log = logging.getLogger("hypogeum")
 
@@ -72,19 +75,26 @@ class Sockets:
 
     def close(self):
         """Close all connections."""
-        wait(self.drop(list(self.connections)), GRACE_S)
+        futures.wait(self.drop(list(self.connections)), GRACE_S)
 
     def _run(self, coroutine, keys, deadline):
         left = max(deadline - time.monotonic(), 0)
         future = asyncio.run_coroutine_threadsafe(asyncio.wait_for(coroutine, left), self.loop)
         try:
-            return future.result(left + GRACE_S)
-        except BaseException as error:
+            error = future.exception(left + GRACE_S)
+        except LATE as late:
+            error = late
+        finally:
             future.cancel()
-            self.drop(keys)
-            if isinstance(error, ServerError) or not isinstance(error, Exception):
-                raise
-            raise ConnectionLost(reason_of(error, left)) from error
+        if error is None:
+            return future.result()
+        self.drop(keys)
+        # New errors: the loop's live as long as its tasks, and would retain the observation of this call.
+        if isinstance(error, ServerError):
+            raise type(error)(str(error))
+        if isinstance(error, (OSError, WebSocketException, *LATE)):
+            raise ConnectionLost(reason_of(error, left))
+        raise error
 
     async def _open(self, keys, deadline):
         await gather([self._connect(key, deadline, idx == 0) for idx, key in enumerate(keys)])
@@ -130,8 +140,7 @@ async def gather(coroutines):
 
 def reason_of(error, waited_s):
     """Return the predicate of a sentence about the server."""
-    # Python 3.10 has three classes of this name.
-    if type(error).__name__ == "TimeoutError":
+    if isinstance(error, LATE):
         return f"sent nothing within {waited_s:.0f} s"
     if isinstance(error, ConnectionClosed):
         return f"closed the connection ({error})"

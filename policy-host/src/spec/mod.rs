@@ -1,5 +1,7 @@
 //! Policy specifications, as users write them on the command line and in sweep files.
 
+pub mod server;
+
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -7,10 +9,10 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use self::server::{PolicyServer, ServerOption, ServerProtocol};
 use crate::models::Family;
 use crate::models::family::NetworkSource;
 use crate::nn::Precision;
-use crate::server::{PolicyServer, ServerOption, ServerProtocol};
 
 /// A policy as named on the command line: `idle`, `random`, `expert`, `FAMILY:PATH`, `FAMILY-int8:PATH`,
 /// `attach:NAME` or `PROTOCOL:URL`.
