@@ -62,7 +62,7 @@ pub fn load_on(
         PolicySpec::Network(family, source) => {
             load_network(family.definition(), source, device, n_threads, robots)?
         }
-        PolicySpec::Expert | PolicySpec::Attach(_) => {
+        PolicySpec::Expert | PolicySpec::Attach(_) | PolicySpec::Server(_) => {
             return Err(LoadError::NotHosted { spec: spec.clone() });
         }
     };

@@ -22,7 +22,7 @@ POLL_INTERVAL_S = 0.05
 # Longest descriptor in bytes; the program writes about a thousand.
 MAX_BYTES = 1 << 16
 # Largest numbers of a lane.
-MAX_ENVS, MAX_BLOCK_PAGES, MAX_IN_FLIGHT, MAX_LANES = 1 << 20, 1 << 16, 1 << 10, 1 << 16
+MAX_ENVS, MAX_BLOCK_PAGES, MAX_IN_FLIGHT, MAX_LANES, MAX_TIMEOUT_S = 1 << 20, 1 << 16, 1 << 10, 1 << 16, 1 << 24
 
 
 class EndpointError(Exception):
@@ -52,6 +52,8 @@ class EndpointDescriptor:
     morphologies: tuple
     """Names of the morphologies of the run's tasks."""
     images: bool
+    answer_timeout_s: int
+    """Time after which the run waits for an answer no longer."""
     execute: int
     """Rows of an action chunk that the simulator will execute at most."""
     mode: str
@@ -153,6 +155,7 @@ def parse(path, text):
             in_flight=number("lane.in_flight", lane["in_flight"], 1, MAX_IN_FLIGHT),
             morphologies=tuple(one_of("morphologies", name, MORPHOLOGIES) for name in fields["morphologies"]),
             images=one_of("images", fields["images"], [False, True]),
+            answer_timeout_s=number("answer_timeout_s", fields["answer_timeout_s"], 1, MAX_TIMEOUT_S),
             execute=number("execute", fields["execute"], 1, MAX_HORIZON),
             mode=one_of("mode", fields["mode"], [CHUNK, ENSEMBLE]),
             requested=Requested(

@@ -26,6 +26,10 @@ SLEEP_S = 0.1
 log = logging.getLogger("hypogeum")
 
 
+class PolicyLost(Exception):
+    """A policy that can answer no more; the host leaves, and the run repeats unanswered episodes with the next one."""
+
+
 @dataclass
 class Statistics:
     """Counts of the work done by `serve`."""
@@ -42,8 +46,9 @@ class Statistics:
 
 
 def serve(
-    fn, name="mine", *, base=None, timeout_s=None, forever=False, on_error="report", ensemble_coeff=DEFAULT_COEFF
-):
+    fn, name="mine", *, base=None, timeout_s=None, forever=False, on_error="report", ensemble_coeff=DEFAULT_COEFF,
+    on_ready=None,
+):  # fmt: skip
     """Serve a policy function to `hypogeum run --policy ...=attach:NAME` until the run ends.
 
     If `fn` raises or returns an invalid result, the episodes in that message end with an error in the results, and the
@@ -62,6 +67,7 @@ def serve(
         on_error: `"report"` continues after an error of `fn`; `"raise"` detaches from the lane and raises it.
         ensemble_coeff: Coefficient with which a run with `--mode ensemble` is ensembled (see `TemporalEnsemble`). None
             sends the chunks of `fn` unchanged.
+        on_ready: Function that is called whenever the host has attached to a run.
 
     Returns:
         `Statistics` of the work done.
@@ -69,6 +75,7 @@ def serve(
     Raises:
         TimeoutError: No run appeared within `timeout_s`.
         RunRefused: `fn.on_attach` refused the run. With `forever`, this is logged instead.
+        PolicyLost: `fn` can answer no more.
     """
     # Imported here so that the rest of the package works without iceoryx2.
     from .link import Lane, RunEnded
@@ -85,6 +92,8 @@ def serve(
             with Lane(endpoint) as lane:
                 log.info("serving %s, attached as %r", endpoint.root, name)
                 statistics.runs += 1
+                if on_ready is not None:
+                    on_ready()
                 ensembling = endpoint.mode == ENSEMBLE and ensemble_coeff is not None
                 policy = TemporalEnsemble(fn, ensemble_coeff) if ensembling else fn
                 _Host(lane, policy, on_error == "raise", statistics).run()
@@ -127,11 +136,11 @@ class _Host:
         failure = fill = None
         try:
             fill = self.act(message)
-        except Exception as error:
+        except BaseException as error:
+            if isinstance(error, PolicyLost) or not isinstance(error, Exception):
+                message.release()
+                raise
             failure = error
-        except BaseException:
-            message.release()
-            raise
         # After the policy has read it: then the answer is to what was sent, or there is none.
         try:
             check_checksum(message.header, message.pages)

@@ -77,26 +77,32 @@ def read_settings(folder):
     path = Path(folder) / FILE
     if not path.is_file():
         return {}
-    try:
-        settings = json.loads(path.read_text())
-    except ValueError as error:
-        raise MappingError(f"{path} is not valid JSON: {error}") from error
-    if not isinstance(settings, dict):
-        raise MappingError(f"{path} contains {type(settings).__name__}, expected an object")
-    unknown = set(settings) - KEYS
-    if unknown:
-        raise MappingError(f"{path} has unknown keys {sorted(unknown)}")
+    settings = parse_settings(path, KEYS)
     prompt_state = settings.get("prompt_state", PROMPT_STATES[0])
     if prompt_state not in PROMPT_STATES:
         raise MappingError(f"{path}: `prompt_state` is {prompt_state!r}, expected {' or '.join(PROMPT_STATES)}")
     n_heads = settings.get("vision_heads", 1)
     if type(n_heads) is not int or n_heads < 1:
         raise MappingError(f"{path}: `vision_heads` is {n_heads!r}, expected a positive integer")
-    if not isinstance(settings.get("mapping", {}), dict):
-        raise MappingError(f"{path}: `mapping` is {settings['mapping']!r}, expected an object")
     ignored = settings.get("ignore", [])
     if not isinstance(ignored, list) or not all(isinstance(key, str) for key in ignored):
         raise MappingError(f"{path}: `ignore` is {ignored!r}, expected a list of keys")
+    return settings
+
+
+def parse_settings(path, keys):
+    """Return the settings in the file `path`, an object with some of `keys`, of which `mapping` is one."""
+    try:
+        settings = json.loads(path.read_text())
+    except ValueError as error:
+        raise MappingError(f"{path} is not valid JSON: {error}") from error
+    if not isinstance(settings, dict):
+        raise MappingError(f"{path} contains {type(settings).__name__}, expected an object")
+    unknown = set(settings) - keys
+    if unknown:
+        raise MappingError(f"{path} has unknown keys {sorted(unknown)}")
+    if not isinstance(settings.get("mapping", {}), dict):
+        raise MappingError(f"{path}: `mapping` is {settings['mapping']!r}, expected an object")
     return settings
 
 
@@ -190,10 +196,8 @@ def state_source(name, feature, source, morphology):
     if len(feature.shape) != 1:
         raise ValueError(f"its shape is {list(feature.shape)}, expected [width]")
     width, state_dim = feature.shape[0], MORPHOLOGIES[morphology].state_dim
-    parts = dict(STATE_PARTS[morphology])
     if source is None and name == STATE:
-        defaults = [list(parts), ["qpos"], ["qpos", "qvel"]]
-        source = next((names for names in defaults if sum(parts[part] for part in names) == width), None)
+        source = default_parts(morphology, width)
     if isinstance(source, str):
         source = [source]
     if not isinstance(source, list):
@@ -203,6 +207,13 @@ def state_source(name, feature, source, morphology):
     if found != width:
         raise ValueError(f"{' + '.join(source)} has width {found}, the feature has {width}")
     return slices
+
+
+def default_parts(morphology, width):
+    """Return the parts of the state in a feature of width `width` whose source nobody names, or None."""
+    parts = dict(STATE_PARTS[morphology])
+    defaults = [list(parts), ["qpos"], ["qpos", "qvel"]]
+    return next((names for names in defaults if sum(parts[part] for part in names) == width), None)
 
 
 def language_width(feature, settings, is_hashed):

@@ -34,5 +34,5 @@ def explain(error, command):
     if not isinstance(error, ImportError):
         return None
     reason = str(error).split("\n", maxsplit=1)[0]
-    python = platform.python_version()
-    return f"{reason}; install what is missing: {command} (LeRobot 0.6 needs Python 3.12 or newer, this is {python})"
+    version = f" (LeRobot 0.6 needs Python 3.12 or newer, this is {platform.python_version()})"
+    return f"{reason}; install what is missing: {command}{version if 'lerobot' in command else ''}"

@@ -18,6 +18,7 @@ def attached(mode=None, execute=None, morphologies=("single",), images=True):
         requested=Requested(mode, execute),
         morphologies=morphologies,
         images=images,
+        answer_timeout_s=120,
     )
 
 

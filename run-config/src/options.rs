@@ -117,10 +117,18 @@ pub struct ResourceOptions {
     #[arg(long)]
     #[serde(default)]
     pub check_frames: bool,
+    /// Python interpreter that asks the servers of policies (openpi:URL, vla-eval:URL, lerobot-async:URL)
+    #[arg(long, value_name = "PYTHON", default_value = "python3")]
+    #[serde(default = "default_python")]
+    pub python: PathBuf,
     /// Record what all threads do and when, in a file that ui.perfetto.dev opens
     #[arg(long, value_name = "FILE.json")]
     #[serde(default)]
     pub trace: Option<PathBuf>,
+}
+
+fn default_python() -> PathBuf {
+    "python3".into()
 }
 
 impl ResultOptions {

@@ -1,15 +1,19 @@
 //! The hidden commands that `run` executes as its child processes.
 
+use std::os::unix::process::CommandExt;
+
 use anyhow::Context;
 use clap::Args;
 use ipc_types::link::Domain;
+use policy_host::PolicySpec;
 use policy_host::serve::{HostConfig, ServeError};
+use policy_host::spec::server::PolicyServer;
 use serde::de::DeserializeOwned;
 use sim::serve::SimError;
 use sim::serve::protocol::SimConfig;
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};
-use crate::fleet::tell_kernel;
+use crate::fleet::{python, server_endpoint, tell_kernel};
 
 /// Arguments of the child processes.
 #[derive(Debug, Args)]
@@ -35,6 +39,9 @@ pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
     rename_process("hypogeum-host");
     let config: HostConfig = parse_config(args)?;
     let domain = config.domain.clone();
+    if let PolicySpec::Server(server) = &config.spec {
+        return become_python(&config, server);
+    }
     let served = policy_host::serve::serve(config).map_err(|error| match error {
         ServeError::Load(_) | ServeError::Changed(_) => Failure::User(error.into()),
         // The variant is transparent, so that its own type would not be found among the causes.
@@ -42,6 +49,17 @@ pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
         error => error.into(),
     });
     leave(&domain, served)
+}
+
+/// Replaces this process by the Python module that asks a server. Returns only if that fails.
+fn become_python(config: &HostConfig, server: &PolicyServer) -> Result<ExitStatus, Failure> {
+    let python = &config.run.resources.python;
+    let mut command = python::command(python, server, &server_endpoint(config.run_id, config.lane.lane));
+    if let Some(base) = config.domain.root.parent() {
+        command.arg("--base").arg(base);
+    }
+    let error = command.args(["--supervised", "--timeout=60"]).exec();
+    Err(error).with_context(|| format!("failed to start {}", python.display())).or_user()
 }
 
 /// Frees the shared memory of a run's exited processes. Exits with code 1 if that took too long.

@@ -82,19 +82,30 @@ struct LaneDescription<'a> {
     schema_hash: String,
     morphologies: &'a [Morphology],
     images: bool,
+    answer_timeout_s: u32,
     execute: u32,
     mode: QueryMode,
     /// The user's request: a host that was trained for something else can say so.
     requested: QueryOptions,
 }
 
-/// Writes the descriptions of all lanes with a foreign host, and reports their paths.
+/// Returns the name under which the host of a policy in a server finds its lane, which no other run has.
+pub(crate) fn server_endpoint(run_id: u64, lane: u32) -> String {
+    format!("server.{run_id:016x}.{lane}")
+}
+
+/// Writes the descriptions of all lanes whose host may be in another language, and reports the paths of
+/// foreign ones.
 pub(crate) fn describe_foreign_lanes(
     config: &FleetConfig,
     domain: &Domain,
     observer: &mut dyn Observer,
 ) -> Result<(), FleetError> {
     for policy in &config.lanes {
+        if let PolicySpec::Server(_) = &policy.spec {
+            let name = server_endpoint(config.run_id, policy.lane.spec.lane);
+            write_lane_description(config, domain, &name, policy)?;
+        }
         if let PolicySpec::Attach(name) = &policy.spec {
             let path = write_lane_description(config, domain, name, policy)?;
             let policy = &policy.lane.spec.policy;
@@ -120,6 +131,7 @@ fn write_lane_description(
         schema_hash: format!("{SCHEMA_HASH:#018x}"),
         morphologies: &config.morphologies,
         images: lane.images,
+        answer_timeout_s: lane.answer_timeout_s,
         execute: execution.execute,
         mode: execution.mode,
         requested: config.run.query,

@@ -1,7 +1,6 @@
 //! The numbers of envs that a run may use: what the user fixed, or what cores, memory and episodes admit.
 
 use ipc_types::link::{BudgetError, LaneSpec, SHM, check_budget};
-use policy_host::PolicySpec;
 use run_config::Amount;
 use run_config::allotment::{available_memory, n_cores};
 
@@ -55,7 +54,7 @@ impl Capacity {
         let by_cores = n_cores.saturating_mul(MAX_PER_CORE).min(LIMIT);
         let max_envs = by_cores.min(by_memory).min(n_jobs).max(1);
         // A foreign host may leave the cores idle while it answers, and cost much per batch.
-        let foreign = plan.policies.iter().any(|policy| matches!(policy.spec, PolicySpec::Attach(_)));
+        let foreign = plan.policies.iter().any(|policy| policy.spec.is_elsewhere());
         let mut batch = if foreign {
             half_batch(max_envs, n_cores)
         } else {

@@ -7,12 +7,12 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use ipc_types::link::{Domain, SHM};
-use policy_host::{PolicyCheck, device};
+use policy_host::{PolicyCheck, PolicySpec, device};
 use run_config::{Execution, RunConfig};
 
 use crate::console::exit::{Failure, OrUser};
 use crate::console::interrupt;
-use crate::fleet::{self, Fleet, FleetConfig, FleetError, FleetEvent, Observer, RunStatus, Totals};
+use crate::fleet::{self, Fleet, FleetConfig, FleetError, FleetEvent, Observer, RunStatus, Totals, python};
 use crate::plan::capacity::Capacity;
 use crate::plan::jobs::{Job, JobKey, JobList};
 use crate::plan::lanes::lanes;
@@ -43,6 +43,7 @@ pub(crate) fn resolve(plan: &mut RunPlan, device: Option<&str>) -> Result<Vec<Id
         plan.morphologies().into_iter().map(|robot| (robot, plan.control_mode_of(robot))).collect();
     let (query, latency) = (plan.config.query, plan.config.results.latency);
     let instructions = plan.instructions().or_user()?;
+    let interpreter = plan.config.resources.python.clone();
     let resolve = |policy: &mut NamedPolicy, execution: &mut Execution| -> anyhow::Result<Identity> {
         let located = policy.located()?;
         let PolicyCheck { execution: own, mut notes } = policy_host::check(&located.spec, &robots, query)?;
@@ -54,6 +55,10 @@ pub(crate) fn resolve(plan: &mut RunPlan, device: Option<&str>) -> Result<Vec<Id
             && std::fs::canonicalize(typed).ok().as_deref() != Some(folder)
         {
             notes.insert(0, format!("reads {}", folder.display()));
+        }
+        if let PolicySpec::Server(server) = &located.spec {
+            let says = python::describe(&interpreter, server)?;
+            notes.push(format!("the server says of itself: {says}"));
         }
         let identity = located.identity(device, *execution)?;
         let identity = Identity { spec: policy.spec.to_string(), notes, ..identity };

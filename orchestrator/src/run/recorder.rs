@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use policy_host::spec::server::without_credentials;
 use run_config::trace::{self, Activity};
 use serde_json::{Value, json};
 
@@ -146,7 +147,7 @@ impl<'a> Recorder<'a> {
     /// Returns the facts that timings depend on and results do not.
     fn environment(&self, machine: &Machine, totals: &Totals, earlier: &Value) -> Value {
         let words: Vec<String> =
-            std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+            std::env::args_os().skip(1).map(|word| without_credentials(&word.to_string_lossy())).collect();
         let config = &self.plan.config;
         json!({
             "date": self.date,

@@ -30,7 +30,7 @@ pub(crate) struct NamedPolicy {
 pub(crate) struct Identity {
     /// The spec, as on the command line.
     pub(crate) spec: String,
-    /// Hash of the checkpoint's content, if the policy has a checkpoint.
+    /// Hash of the content of its checkpoint, or of the mapping of its requests to a server.
     pub(crate) checkpoint: Option<String>,
     /// Device on which it computes ([`policy_host::device`]), if that is not the CPU.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -105,8 +105,11 @@ impl NamedPolicy {
         device: Option<&str>,
         execution: Execution,
     ) -> Result<Identity, ReadContentError> {
-        let content = self.spec.checkpoint().map(CheckpointContent::read).transpose()?;
-        let checkpoint = content.map(|content| content.hash());
+        let content = match &self.spec {
+            PolicySpec::Server(server) => server.mapping().map(CheckpointContent::read_file),
+            spec => spec.checkpoint().map(CheckpointContent::read),
+        };
+        let checkpoint = content.transpose()?.map(|content| content.hash());
         let device = device.filter(|_| supports_gpu(&self.spec)).map(str::to_owned);
         let execution = (!self.runs_in_sim()).then_some(execution);
         Ok(Identity { spec: self.spec.to_string(), checkpoint, device, execution, notes: Vec::new() })
@@ -134,7 +137,7 @@ impl Identity {
         // Everything but the path: the kind and its options.
         let rest = |identity: &Self| {
             let spec = identity.spec.parse::<PolicySpec>().ok()?;
-            Some(spec.with_checkpoint(Path::new("")))
+            Some(spec.without_paths())
         };
         let same_device = self.device == other.device;
         if self.execution != other.execution {

@@ -55,8 +55,20 @@ impl CheckpointContent {
     /// # Errors
     /// If a file cannot be read.
     pub fn read(folder: &Path) -> Result<Self, ReadContentError> {
+        Self::read_files(folder, paths(folder)?)
+    }
+
+    /// Hashes one file, whatever its name and folder, as [`Self::read`] does.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn read_file(path: &Path) -> Result<Self, ReadContentError> {
+        Self::read_files(path, vec![path.to_owned()])
+    }
+
+    fn read_files(folder: &Path, paths: Vec<PathBuf>) -> Result<Self, ReadContentError> {
         let (mut files, mut hash, mut buffer) = (Vec::new(), Xxh3Default::new(), vec![0; CHUNK]);
-        for path in paths(folder)? {
+        for path in paths {
             let failed = |source| ReadContentError { path: path.clone(), source };
             let mut file = input::open(&path).map_err(failed)?;
             let state = FileState::new(&file.metadata().map_err(failed)?);

@@ -15,7 +15,7 @@ use crate::statistics::Levels;
 #[derive(Args, Clone, Debug, PartialEq)]
 pub(crate) struct SweepArgs {
     /// Policy and its name in the results (repeatable); SPEC is idle, random, expert, act:PATH,
-    /// act-int8:PATH, pi05:PATH, pi05-int8:PATH or attach:NAME
+    /// act-int8:PATH, pi05:PATH, pi05-int8:PATH, attach:NAME, openpi:URL, vla-eval:URL or lerobot-async:URL
     #[arg(long = "policy", value_name = "NAME=SPEC")]
     pub(crate) policies: Vec<NamedPolicy>,
     /// Tasks, comma-separated: names, all, single or bimanual [default: all]

@@ -266,6 +266,9 @@ fn available_policy(
         (PolicySpec::Attach(host), _) => {
             return Err(anyhow!("it ran in a foreign host, `{host}`, whose code is not known"));
         }
+        (PolicySpec::Server(server), _) => {
+            return Err(anyhow!("it ran in the server {server}, whose policy is not known"));
+        }
         (spec, Some(path)) => spec.with_checkpoint(&path),
         (spec, _) => spec,
     };

@@ -1,5 +1,7 @@
 //! Policy specifications, as users write them on the command line and in sweep files.
 
+pub mod server;
+
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -7,12 +9,13 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use self::server::{PolicyServer, ServerOption, ServerProtocol};
 use crate::models::Family;
 use crate::models::family::NetworkSource;
 use crate::nn::Precision;
 
-/// A policy as named on the command line: `idle`, `random`, `expert`, `FAMILY:PATH`, `FAMILY-int8:PATH` or
-/// `attach:NAME`.
+/// A policy as named on the command line: `idle`, `random`, `expert`, `FAMILY:PATH`, `FAMILY-int8:PATH`,
+/// `attach:NAME` or `PROTOCOL:URL`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub enum PolicySpec {
     /// Holds the current position: a floor for success rates.
@@ -25,6 +28,8 @@ pub enum PolicySpec {
     Network(Family, NetworkSource),
     /// An external policy host with this name.
     Attach(String),
+    /// A policy in a server, which a policy host in Python asks.
+    Server(PolicyServer),
 }
 
 /// Errors that can occur while parsing a policy specification.
@@ -39,6 +44,11 @@ pub enum PolicySpecError {
     Argument { kind: String, found: String },
     #[error("policy `{kind}` knows the option `?steps=N` with N from 1 to {max}, found `?{found}`")]
     Option { kind: String, max: u32, found: String },
+    #[error(
+        "policy `{kind}` knows the options {} (URL?mapping=FILE&…), found `{found}`",
+        ServerOption::names()
+    )]
+    ServerOption { kind: String, found: String },
 }
 
 /// The policies that are named by one word.
@@ -47,6 +57,8 @@ const WORDS: [PolicySpec; 3] = [PolicySpec::Idle, PolicySpec::Random, PolicySpec
 const ATTACH: (&str, &str) = ("attach", "NAME");
 /// The argument of a network.
 const PATH: &str = "PATH";
+/// The argument of a policy in a server.
+const URL: &str = "URL";
 /// The option of families that denoise actions in steps.
 const STEPS: &str = "steps=";
 
@@ -65,7 +77,13 @@ impl PolicySpec {
     /// Returns `true` if the policy needs images in its observations.
     #[must_use]
     pub fn needs_images(&self) -> bool {
-        matches!(self, Self::Network(..) | Self::Attach(_))
+        matches!(self, Self::Network(..)) || self.is_elsewhere()
+    }
+
+    /// Returns `true` if the policy computes outside the processes of a run, perhaps on another machine.
+    #[must_use]
+    pub fn is_elsewhere(&self) -> bool {
+        matches!(self, Self::Attach(_) | Self::Server(_))
     }
 
     /// Returns the checkpoint folder, if the policy has one.
@@ -83,6 +101,15 @@ impl PolicySpec {
         self
     }
 
+    /// Returns the same policy without paths on this machine, whose content identifies it.
+    #[must_use]
+    pub fn without_paths(self) -> Self {
+        match self {
+            Self::Server(server) => Self::Server(server.without_mapping()),
+            other => other.with_checkpoint(Path::new("")),
+        }
+    }
+
     /// Returns the seconds that a batch may take, if it may take unusually long.
     #[must_use]
     pub fn answer_timeout_s(&self) -> Option<u32> {
@@ -98,6 +125,7 @@ impl PolicySpec {
             Self::Expert => "expert".to_owned(),
             Self::Network(family, source) => network_kind(*family, source.precision),
             Self::Attach(_) => ATTACH.0.to_owned(),
+            Self::Server(server) => server.protocol.name().to_owned(),
         }
     }
 
@@ -105,7 +133,8 @@ impl PolicySpec {
     pub fn forms() -> impl Iterator<Item = String> {
         let words = WORDS.iter().map(Self::kind);
         let networks = networks().map(|(family, precision)| (network_kind(family, precision), PATH));
-        let with_argument = networks.chain([(ATTACH.0.to_owned(), ATTACH.1)]);
+        let servers = ServerProtocol::ALL.map(|protocol| (protocol.name().to_owned(), URL));
+        let with_argument = networks.chain([(ATTACH.0.to_owned(), ATTACH.1)]).chain(servers);
         words.chain(with_argument.map(|(kind, argument)| format!("{kind}:{argument}")))
     }
 }
@@ -123,16 +152,21 @@ impl FromStr for PolicySpec {
             };
         }
         let network = networks().find(|(family, precision)| network_kind(*family, *precision) == name);
-        let argument = match network {
-            Some(_) => PATH,
-            None if name == ATTACH.0 => ATTACH.1,
-            None => return Err(PolicySpecError::Unknown { found: text.to_owned() }),
+        let server = ServerProtocol::ALL.into_iter().find(|protocol| protocol.name() == name);
+        let argument = match (network, server) {
+            (Some(_), _) => PATH,
+            (None, Some(_)) => URL,
+            (None, None) if name == ATTACH.0 => ATTACH.1,
+            (None, None) => return Err(PolicySpecError::Unknown { found: text.to_owned() }),
         };
         let given = given.filter(|given| !given.is_empty());
         let Some(given) = given else { return Err(PolicySpecError::NoArgument { kind, argument }) };
-        match network {
-            None => Ok(Self::Attach(given.to_owned())),
-            Some((family, precision)) => parse_network(family, precision, given),
+        match (network, server) {
+            (Some((family, precision)), _) => parse_network(family, precision, given),
+            (None, Some(protocol)) => PolicyServer::parse(protocol, given)
+                .map(Self::Server)
+                .map_err(|found| PolicySpecError::ServerOption { kind, found: found.to_owned() }),
+            (None, None) => Ok(Self::Attach(given.to_owned())),
         }
     }
 }
@@ -147,6 +181,7 @@ impl fmt::Display for PolicySpec {
                 n_steps.map_or(Ok(()), |n_steps| write!(f, "?{STEPS}{n_steps}"))
             }
             Self::Attach(name) => write!(f, ":{name}"),
+            Self::Server(server) => write!(f, ":{server}"),
         }
     }
 }
@@ -209,7 +244,7 @@ mod tests {
         assert_eq!(
             error,
             "unknown policy `acts:here`, expected one of idle, random, expert, act:PATH, act-int8:PATH, \
-             pi05:PATH, pi05-int8:PATH, attach:NAME"
+             pi05:PATH, pi05-int8:PATH, attach:NAME, openpi:URL, vla-eval:URL, lerobot-async:URL"
         );
         let error = "act".parse::<PolicySpec>().unwrap_err().to_string();
         assert_eq!(error, "policy `act` needs PATH after a colon: act:PATH");
