@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use benches::Report;
+use ipc_types::{ImageSize, ImageSizes};
 use sim::physics::Parameters;
 use sim::render::{CpuRenderer, RenderScene};
 use sim::scene::{CameraSlot, Snapshot};
@@ -60,7 +61,7 @@ fn main() -> Result<()> {
                 report.add(&format!("{name}/{camera}/{figure}"), value.into(), unit, "");
             }
             likeness.entry(camera).or_default().push(figures);
-            images.extend([ours, original.clone()].map(|image| (image.side, image.rgb)));
+            images.extend([ours, original.clone()].map(|image| (ImageSize::square(image.side), image.rgb)));
         }
     }
     ensure!(!images.is_empty(), "no start in {} has frames in {}", starts.display(), frames.display());
@@ -123,9 +124,10 @@ fn render(path: &Path) -> Result<Vec<(&'static str, CameraImage)>> {
     let scene = &start.scene;
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     start.world(&Parameters::default()).write_snapshot(&mut snapshot);
-    let images = CpuRenderer::new(1).render_cameras(&RenderScene::new(scene), &snapshot);
+    let images =
+        CpuRenderer::new(1).render_cameras(&RenderScene::new(scene, ImageSizes::BENCHMARK), &snapshot);
     let names = scene.cameras.iter().map(|camera| camera_name(camera.slot, scene.robots.len()));
-    Ok(names.zip(images.into_iter().map(|(side, rgb)| CameraImage { side, rgb })).collect())
+    Ok(names.zip(images.into_iter().map(|(size, rgb)| CameraImage { side: size.width, rgb })).collect())
 }
 
 /// A square image, `[side, side, 3] u8` sRGB.

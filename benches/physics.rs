@@ -1,4 +1,5 @@
-//! Cost of a control step: the world of each task, idle, driven at random and by its expert, on one thread and on two.
+//! Cost of a control step: the world of each task, idle, driven at random and by its expert, on one thread
+//! and on two.
 //!
 //! `cargo bench -p benches --bench physics -- [--csv FILE]`. A control step consists of five or ten
 //! physics steps, the controller and the success predicates. World construction and planning are reported
@@ -40,7 +41,7 @@ fn main() -> Result<()> {
         report.add(&format!("{name}/plan"), steps, "steps", &note);
         report.add(&format!("{name}/build"), build_us, "us", "one world");
         report.add(&format!("{name}/plan"), plan_us, "us", "one expert");
-        for driver in [Driver::Idle, Driver::Random, Driver::Expert] {
+        for driver in [BenchDriver::Idle, BenchDriver::Random, BenchDriver::Expert] {
             let driver_name = format!("{driver:?}").to_lowercase();
             let mut single_thread_rate = f64::NAN;
             for n_threads in [1, 2] {
@@ -64,9 +65,9 @@ fn main() -> Result<()> {
     report.finish()
 }
 
-/// What moves the arms.
+/// Source of the arms' motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Driver {
+enum BenchDriver {
     Idle,
     /// Tool motions drawn uniformly at every control step.
     Random,
@@ -84,13 +85,13 @@ struct PhysicsEnv {
 }
 
 impl PhysicsEnv {
-    fn new(task: TaskId, episode_idx: u32, driver: Driver) -> Self {
+    fn new(task: TaskId, episode_idx: u32, driver: BenchDriver) -> Self {
         let scene = draw(task, episode_idx);
         let moves = match driver {
-            Driver::Expert => (task.task().expert)(&scene),
-            Driver::Idle | Driver::Random => vec![Move::Hold { steps: 1 }],
+            BenchDriver::Expert => (task.task().expert)(&scene),
+            BenchDriver::Idle | BenchDriver::Random => vec![Move::Hold { steps: 1 }],
         };
-        let is_random = driver == Driver::Random;
+        let is_random = driver == BenchDriver::Random;
         let mode = if is_random { ControlMode::EeDeltaPose } else { ControlMode::JointPos };
         Self {
             random: is_random.then(|| Stream::new(u64::from(episode_idx), "actions")),
@@ -119,7 +120,7 @@ fn draw(task: TaskId, episode_idx: u32) -> Scene {
 }
 
 /// Returns the control steps per second of all threads together, in the fastest round.
-fn best_rate(pool: &rayon::ThreadPool, task: TaskId, driver: Driver) -> f64 {
+fn best_rate(pool: &rayon::ThreadPool, task: TaskId, driver: BenchDriver) -> f64 {
     let n_envs = pool.current_num_threads() as u32 * WORLDS_PER_THREAD;
     let mut best = 0.0_f64;
     let started = Instant::now();

@@ -21,7 +21,7 @@ use ipc_types::layout::block_pages;
 use ipc_types::link::{
     ActionMessage, Domain, HostLane, LaneSpec, LinkNode, ObservationMessage, SimLane, SimLink,
 };
-use ipc_types::{ActionHeader, Morphology, ObservationHeader, Page, SCHEMA_HASH};
+use ipc_types::{ActionHeader, ImageSizes, Morphology, ObservationHeader, Page, SCHEMA_HASH};
 use rustix::thread::{CpuSet, sched_setaffinity};
 
 const MORPHOLOGY: Morphology = Morphology::Single;
@@ -129,7 +129,7 @@ fn measure(args: &[&str]) -> Result<()> {
     let placement = if pin(0) { "one core each" } else { "not pinned" };
     let mut table = LatencyReport { csv: "bench,case,value,unit,note\n".into(), placement };
     for n_envs in [1, 16, 64] {
-        let bytes = n_envs * block_pages(MORPHOLOGY, true) * size_of::<Page>();
+        let bytes = n_envs * block_pages(MORPHOLOGY, Some(ImageSizes::BENCHMARK)) * size_of::<Page>();
         first_touch(&mut table, n_envs, bytes)?;
         let mut hybrid_read = f64::INFINITY;
         for (strategy, reads) in WaitStrategy::ALL.into_iter().flat_map(|w| [(w, false), (w, true)]) {
@@ -177,7 +177,7 @@ fn link_rounds(
     }
     let mut writes = Vec::with_capacity(ROUNDS.end);
     let rounds = rounds(|sequence| {
-        let mut loan = lane.loan(n_envs * block_pages(MORPHOLOGY, true))?;
+        let mut loan = lane.loan(n_envs * block_pages(MORPHOLOGY, Some(ImageSizes::BENCHMARK)))?;
         let start = Instant::now();
         bytemuck::cast_slice_mut::<Page, u8>(loan.pages_mut()).fill(sequence as u8);
         writes.push(start.elapsed());
@@ -272,7 +272,8 @@ fn run_socket(n_envs: &str) -> Result<()> {
     let n_envs: usize = n_envs.parse()?;
     let mut stream = UnixStream::from(rustix::io::dup(std::io::stdin())?);
     stream.set_read_timeout(Some(TIMEOUT))?;
-    let mut observation = vec![0u8; n_envs * block_pages(MORPHOLOGY, true) * size_of::<Page>()];
+    let mut observation =
+        vec![0u8; n_envs * block_pages(MORPHOLOGY, Some(ImageSizes::BENCHMARK)) * size_of::<Page>()];
     let response = vec![0u8; n_envs * size_of::<Page>()];
     while stream.read_exact(&mut observation).is_ok() {
         std::hint::black_box(sum(&observation));
@@ -312,7 +313,7 @@ fn rounds(mut round: impl FnMut(u64) -> Result<Duration>) -> Result<Vec<Duration
 }
 
 fn spec(n_envs: usize) -> LaneSpec {
-    let block_pages = block_pages(MORPHOLOGY, true) as u32;
+    let block_pages = block_pages(MORPHOLOGY, Some(ImageSizes::BENCHMARK)) as u32;
     LaneSpec { lane: 0, policy: "nothing".into(), max_envs: n_envs as u32, block_pages, in_flight: 1 }
 }
 
@@ -323,12 +324,10 @@ fn header(sequence: u64, n_envs: usize) -> ObservationHeader {
         sequence,
         epoch: 1,
         n_envs: n_envs as u32,
-        block_pages: block_pages(MORPHOLOGY, true) as u32,
-        morphology: MORPHOLOGY.code(),
         control_mode: MORPHOLOGY.default_control_mode().code(),
-        images: 1,
         ..Default::default()
     }
+    .with_images(MORPHOLOGY, Some(ImageSizes::BENCHMARK))
 }
 
 /// Reads every byte and returns the wrapping sum of all words.

@@ -10,9 +10,12 @@ use std::time::{Duration, Instant};
 
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
-use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, SCHEMA_HASH, block_pages};
+use ipc_types::layout::{SCHEMA_HASH, block_pages};
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkNode, ObservationMessage, SimLane, SimLink};
-use ipc_types::{ActionBlock, ActionHeader, ControlMode, Morphology, ObservationHeader, ObservationView};
+use ipc_types::{
+    ActionBlock, ActionHeader, ControlMode, ImageSize, ImageSizes, Morphology, ObservationHeader,
+    ObservationView,
+};
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::Snapshot;
@@ -20,6 +23,9 @@ use sim::{Profile, TaskId};
 use support::{errors, finish, hypogeum, rows};
 
 const RUN: u64 = 11;
+/// Sizes that no benchmark has.
+const SIZES: ImageSizes =
+    ImageSizes { external: ImageSize { width: 99, height: 65 }, hand: ImageSize { width: 80, height: 64 } };
 
 fn receive(lane: &mut HostLane) -> ObservationMessage {
     let deadline = Instant::now() + Duration::from_secs(10);
@@ -37,7 +43,7 @@ fn render(task: TaskId, out: &mut dyn Iterator<Item = &mut [u8]>) {
     let scene = (task.task().nominal)(Profile::Strict).draw(5);
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
-    let view = RenderScene::new(&scene);
+    let view = RenderScene::new(&scene, SIZES);
     let mut renderer = CpuRenderer::new(1);
     for (camera_idx, out) in out.enumerate() {
         renderer.render(&mut [View { scene: &view, snapshot: &snapshot, camera_idx, out }]).unwrap();
@@ -63,7 +69,7 @@ fn policy_reads_images_in_place() {
     let domain = Domain::new(dir.path(), RUN);
     {
         let (morphology, task) = (Morphology::Bimanual, TaskId::DualArmLiftTray);
-        let pages = block_pages(morphology, true);
+        let pages = block_pages(morphology, Some(SIZES));
         let spec =
             LaneSpec { lane: 0, policy: "p".into(), max_envs: 2, block_pages: pages as u32, in_flight: 2 };
         let node = LinkNode::new(&domain, "sim").unwrap();
@@ -74,35 +80,28 @@ fn policy_reads_images_in_place() {
 
         let mut loan = sim.loan(2 * pages).unwrap();
         for block in loan.pages_mut().chunks_exact_mut(pages) {
-            let block = EnvBlockMut::new(morphology, block);
+            let block = EnvBlockMut::new(morphology, Some(SIZES), block);
             *block.record = ipc_types::EnvRecord { execute: 1, ..Zeroable::zeroed() };
-            let images = block.external.chunks_exact_mut(EXTERNAL_BYTES);
-            render(task, &mut images.chain(block.hand.chunks_exact_mut(HAND_BYTES)));
+            render(task, &mut block.images());
         }
-        loan.send(ObservationHeader {
+        let header = ObservationHeader {
             schema_hash: SCHEMA_HASH,
             run: RUN,
             sequence: 1,
             n_envs: 2,
-            block_pages: pages as u32,
-            morphology: morphology.code(),
             control_mode: ControlMode::JointPos.code(),
-            images: 1,
             ..Default::default()
-        })
-        .unwrap();
+        };
+        loan.send(header.with_images(morphology, Some(SIZES))).unwrap();
 
         let message = receive(&mut host);
         let view = ObservationView::new(*message.header(), message.pages()).unwrap();
-        let mut expected = vec![0; 2 * EXTERNAL_BYTES + 2 * HAND_BYTES];
-        let (external, hand) = expected.split_at_mut(2 * EXTERNAL_BYTES);
-        render(task, &mut external.chunks_exact_mut(EXTERNAL_BYTES).chain(hand.chunks_exact_mut(HAND_BYTES)));
+        let mut expected: Vec<Vec<u8>> =
+            view.env(0).images().map(|(_, size)| vec![0; size.n_bytes()]).collect();
+        render(task, &mut expected.iter_mut().map(Vec::as_mut_slice));
         for env_idx in 0..2 {
             let env = view.env(env_idx);
-            assert!(
-                env.external == &expected[..2 * EXTERNAL_BYTES]
-                    && env.hand == &expected[2 * EXTERNAL_BYTES..]
-            );
+            assert!(env.images().map(|(image, _)| image).eq(expected.iter().map(Vec::as_slice)));
             for image in [env.external, env.hand] {
                 let mapping = mapping_of(image);
                 assert!(mapping.contains("/dev/shm/") && mapping.contains(&domain.prefix), "{mapping}");

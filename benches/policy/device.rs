@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use benches::{BenchDevice, Report, median};
-use ipc_types::{Morphology, ObservationView};
+use ipc_types::{ImageSizes, Morphology, ObservationView};
 use policy_host::Policy;
 use policy_host::models::act::GpuActPolicy;
 use policy_host::models::act::checkpoint::colosseum::ActConfig;
@@ -45,7 +45,7 @@ pub(crate) fn measure(device: BenchDevice, report: &mut Report) -> Result<()> {
         synthetic::write_checkpoint(folder.path(), &config, 0)?;
         let started = Instant::now();
         let gpu = device.open()?;
-        let mut policy = GpuActPolicy::load(gpu, folder.path(), &[morphology])?;
+        let mut policy = GpuActPolicy::load(gpu, folder.path(), &[morphology], ImageSizes::BENCHMARK)?;
         let (robot, load_s) = (morphology.name(), started.elapsed().as_secs_f64());
         println!("{size} {robot}: {gflop:.2} GFLOP per query, loaded in {load_s:.1} s");
         report.add(&format!("act_{size}_{robot}_load"), load_s, "s", &note);

@@ -29,8 +29,7 @@ use anyhow::{Context, Result};
 use benches::{BenchDevice, DEVICE_USAGE, Peer, Report, median};
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
-use ipc_types::layout::block_pages;
-use ipc_types::{Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH};
+use ipc_types::{ImageSizes, Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH};
 use policy_host::generated::{fnv1a64, unit};
 use policy_host::models::act::checkpoint::colosseum::ActConfig;
 use policy_host::models::synthetic;
@@ -317,11 +316,19 @@ impl Batch {
 
 /// Creates an observation with noise images and an instruction.
 fn observation(morphology: Morphology, n_envs: usize) -> (ObservationHeader, Vec<Page>) {
-    let block_len = block_pages(morphology, true);
+    let images = Some(ImageSizes::BENCHMARK);
+    let header = ObservationHeader {
+        schema_hash: SCHEMA_HASH,
+        n_envs: n_envs as u32,
+        control_mode: morphology.default_control_mode().code(),
+        ..ObservationHeader::zeroed()
+    }
+    .with_images(morphology, images);
+    let block_len = header.block_pages as usize;
     let mut pages = vec![Page::zeroed(); n_envs * block_len];
     for (env_idx, block) in pages.chunks_exact_mut(block_len).enumerate() {
         let stream = fnv1a64(&format!("env {env_idx}"));
-        let env = EnvBlockMut::new(morphology, block);
+        let env = EnvBlockMut::new(morphology, images, block);
         let bytes = env.external.iter_mut().chain(env.hand);
         bytes.enumerate().for_each(|(idx, x)| *x = (256.0 * unit(stream, idx)) as u8);
         let instruction = "raise the cube";
@@ -330,14 +337,5 @@ fn observation(morphology: Morphology, n_envs: usize) -> (ObservationHeader, Vec
         env.record.state_dim = morphology.state_dim() as u32;
         env.record.execute = 1;
     }
-    let header = ObservationHeader {
-        schema_hash: SCHEMA_HASH,
-        n_envs: n_envs as u32,
-        block_pages: block_len as u32,
-        morphology: morphology.code(),
-        control_mode: morphology.default_control_mode().code(),
-        images: 1,
-        ..ObservationHeader::zeroed()
-    };
     (header, pages)
 }

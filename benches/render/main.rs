@@ -1,12 +1,13 @@
 //! Rendering cost of whole observations, on the CPU with one thread and with two, or on a GPU.
 //!
-//! `cargo bench -p benches --bench render -- [--renderer cpu|gpu|software] [--envs N,N,…] [--peer PYTHON]
-//! [--csv FILE]`. An env-frame is all images of one env: two of 224 × 224 px, plus one of 128 × 128 px per
-//! arm. Envs differ in their seed. On the CPU the cases are interleaved, so that all of them run under the
-//! same conditions, and medians after warm-up are reported: plain, with shadows, and with shadows and four
-//! samples per pixel, each without and with static layers. With `--peer`, MuJoCo renders the same triangles,
-//! textures and cameras in alternation with ours (`peers/mujoco_render.py`, started with the given Python
-//! interpreter), and nothing else is measured.
+//! `cargo bench -p benches --bench render -- [--renderer cpu|gpu|software] [--envs N,N,…] [--image-size
+//! WxH[,wrist=WxH]] [--peer PYTHON] [--csv FILE]`. An env-frame is all images of one env: two of 224 × 224
+//! px, plus one of 128 × 128 px per arm, unless `--image-size` is given. Envs differ in their seed. On the
+//! CPU the cases are interleaved, so that all of them run under the same conditions, and medians after
+//! warm-up are reported: plain, with shadows, and with shadows and four samples per pixel, each without and
+//! with static layers. With `--peer`, MuJoCo renders the same triangles, textures and cameras in alternation
+//! with ours (`peers/mujoco_render.py`, started with the given Python interpreter), and nothing else is
+//! measured.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -17,7 +18,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use benches::{Peer, Report, median};
-use ipc_types::ControlMode;
+use ipc_types::{ControlMode, ImageSizes};
 use sim::physics::World;
 use sim::render::export::ExportedPoses;
 use sim::render::gpu::{AdapterKind, Timings};
@@ -35,7 +36,7 @@ const N_TURNS: u32 = 11;
 
 fn main() -> Result<()> {
     let mut options = BenchOptions::default();
-    let usage = "--renderer cpu|gpu|software, --envs N,N,…, --peer PYTHON, ";
+    let usage = "--renderer cpu|gpu|software, --envs N,N,…, --image-size WxH, --peer PYTHON, ";
     let mut table = Report::with_options("render", usage, |flag, value| options.parse(flag, value))?;
     if let Some(python) = &options.peer {
         compare_with_peer(python, &mut table)?;
@@ -44,9 +45,9 @@ fn main() -> Result<()> {
     for task in [TaskId::RaiseCube, TaskId::DualArmLiftTray] {
         for &n_envs in &options.n_envs {
             match options.adapter {
-                None => measure_cpu(task, n_envs, &mut table)?,
+                None => measure_cpu(task, n_envs, options.sizes, &mut table)?,
                 Some(kind) => {
-                    measure_gpu(task, &mut RenderEnv::batch(task, n_envs, false), kind, &mut table)?;
+                    measure_gpu(task, n_envs, options.sizes, kind, &mut table)?;
                 }
             }
         }
@@ -59,13 +60,14 @@ struct BenchOptions {
     /// Kind of adapter, or `None` for the CPU renderer.
     adapter: Option<AdapterKind>,
     n_envs: Vec<u32>,
+    sizes: ImageSizes,
     /// Python interpreter with MuJoCo installed.
     peer: Option<PathBuf>,
 }
 
 impl Default for BenchOptions {
     fn default() -> Self {
-        Self { adapter: None, n_envs: vec![1, 16], peer: None }
+        Self { adapter: None, n_envs: vec![1, 16], sizes: ImageSizes::BENCHMARK, peer: None }
     }
 }
 
@@ -79,6 +81,7 @@ impl BenchOptions {
                 let numbers = list.split(',').map(str::parse).collect::<Result<_, _>>();
                 self.n_envs = numbers.context("--envs needs a comma-separated list of numbers")?;
             }
+            ("--image-size", sizes) => self.sizes = sizes.parse().map_err(anyhow::Error::msg)?,
             ("--peer", python) => self.peer = Some(python.into()),
             _ => return Ok(false),
         }
@@ -104,13 +107,13 @@ const CASES: [CpuCase; 6] = [
     CpuCase { name: "shadows_4_samples/layers", static_layers: true, shadows: true, samples: Samples::Four },
 ];
 
-fn measure_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
+fn measure_cpu(task: TaskId, n_envs: u32, sizes: ImageSizes, table: &mut Report) -> Result<()> {
     for n_threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
         let mut runs = CASES.map(|case| {
             let options = CpuOptions { static_layers: case.static_layers, samples: case.samples };
             let renderer = CpuRenderer::with_options(n_threads, options);
-            (case, renderer, RenderEnv::batch(task, n_envs, case.shadows), Vec::new())
+            (case, renderer, RenderEnv::batch(task, n_envs, sizes, case.shadows), Vec::new())
         });
         for turn in 0..N_TURNS {
             for (_, renderer, envs, rounds) in &mut runs {
@@ -127,8 +130,10 @@ fn measure_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
         }
         for (case, renderer, envs, mut rounds) in runs {
             let rate = f64::from(n_envs) / median(&mut rounds);
-            let name = format!("{}/{}/envs{n_envs}/threads{n_threads}", task.name(), case.name);
-            println!("{name:50} {rate:8.0} env_frames_per_s");
+            let name =
+                format!("{}/{}{}/envs{n_envs}/threads{n_threads}", task.name(), case.name, suffix(sizes));
+            let images_per_s = rate * envs[0].images.len() as f64;
+            println!("{name:50} {rate:8.0} env_frames_per_s, {images_per_s:8.0} images per s");
             let triangles = envs[0].scene.n_triangles();
             let note = format!("{triangles} triangles; {}", renderer.name().replace(',', ""));
             table.add(&name, rate, "env_frames_per_s", &note);
@@ -146,7 +151,8 @@ fn compare_with_peer(python: &Path, table: &mut Report) -> Result<()> {
     let n_threads = std::thread::available_parallelism()?.get();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
     let folder = tempfile::tempdir()?;
-    export(&RenderEnv::batch(task, N_ENVS, true), folder.path())?;
+    let sizes = ImageSizes::BENCHMARK;
+    export(&RenderEnv::batch(task, N_ENVS, sizes, true), folder.path())?;
     let scene = folder.path().to_str().context("the temporary directory's path is not UTF-8")?;
     let mut peer = Peer::start(python, "mujoco_render.py", &[scene])?;
     for (name, shadows, samples) in [
@@ -155,7 +161,7 @@ fn compare_with_peer(python: &Path, table: &mut Report) -> Result<()> {
         ("shadows", true, Samples::One),
         ("shadows_4_samples", true, Samples::Four),
     ] {
-        let mut envs = RenderEnv::batch(task, N_ENVS, shadows);
+        let mut envs = RenderEnv::batch(task, N_ENVS, sizes, shadows);
         let mut variants = [false, true].map(|static_layers| {
             let name = if static_layers { "/layers" } else { "" };
             (name, CpuRenderer::with_options(n_threads, CpuOptions { static_layers, samples }), Vec::new())
@@ -207,25 +213,40 @@ fn export(envs: &[RenderEnv], folder: &Path) -> Result<()> {
         [instances, cameras].concat()
     });
     let poses: Vec<_> = poses.collect();
-    let sides: Vec<_> = (0..scene.n_cameras()).map(|camera_idx| scene.side(camera_idx)).collect();
+    let sides: Vec<_> = (0..scene.n_cameras()).map(|camera_idx| scene.size(camera_idx).height).collect();
     let text = serde_json::json!({ "poses": poses, "sides": sides }).to_string();
     std::fs::write(folder.join("poses.json"), text).context("export the poses for the peer")
 }
 
-fn measure_gpu(task: TaskId, envs: &mut [RenderEnv], kind: AdapterKind, table: &mut Report) -> Result<()> {
-    let mut renderer = GpuRenderer::open(kind, None, Samples::One)?;
+/// Returns the part of a case's name that states its image sizes, unless they are the benchmark's.
+fn suffix(sizes: ImageSizes) -> String {
+    if sizes == ImageSizes::BENCHMARK {
+        String::new()
+    } else {
+        format!("/{}", sizes.to_string().replace(',', "_"))
+    }
+}
+
+fn measure_gpu(
+    task: TaskId,
+    n_envs: u32,
+    sizes: ImageSizes,
+    kind: AdapterKind,
+    table: &mut Report,
+) -> Result<()> {
+    let envs = &mut RenderEnv::batch(task, n_envs, sizes, false);
+    let mut renderer = GpuRenderer::open(kind, None, Samples::One, sizes)?;
     let note = format!("{} triangles; {}", envs[0].scene.n_triangles(), renderer.name().replace(',', ""));
     println!(
         "chunks of up to {} envs, {} MiB of device memory",
         renderer.max_chunk_envs(),
         renderer.max_chunk_bytes() >> 20
     );
-    let n_envs = envs.len();
-    let rate = best_rate(&mut renderer, envs)? * n_envs as f64;
-    let case = format!("{}/all/envs{n_envs}", task.name());
+    let rate = best_rate(&mut renderer, envs)? * f64::from(n_envs);
+    let case = format!("{}/all{}/envs{n_envs}", task.name(), suffix(sizes));
     let Timings { submit_s, wait_s, readback_s } = renderer.timings();
     let [submit_ms, wait_ms, readback_ms] = [submit_s, wait_s, readback_s].map(|s| s * 1e3);
-    let host_us = (submit_s + readback_s) * 1e6 / n_envs as f64;
+    let host_us = (submit_s + readback_s) * 1e6 / f64::from(n_envs);
     println!(
         "{case:40} {rate:8.0} env_frames_per_s; last call: submit {submit_ms:.2} ms, wait {wait_ms:.2} ms, readback {readback_ms:.2} ms; host {host_us:.1} us per env_frame"
     );
@@ -245,18 +266,18 @@ struct RenderEnv {
 }
 
 impl RenderEnv {
-    fn batch(task: TaskId, n_envs: u32, shadows: bool) -> Vec<Self> {
-        (0..n_envs).map(|episode_idx| Self::new(task, episode_idx, shadows)).collect()
+    fn batch(task: TaskId, n_envs: u32, sizes: ImageSizes, shadows: bool) -> Vec<Self> {
+        (0..n_envs).map(|episode_idx| Self::new(task, episode_idx, sizes, shadows)).collect()
     }
 
-    fn new(task: TaskId, episode_idx: u32, shadows: bool) -> Self {
+    fn new(task: TaskId, episode_idx: u32, sizes: ImageSizes, shadows: bool) -> Self {
         let mut scene =
             (task.task().nominal)(Profile::Strict).draw(episode_seed(0, task.name(), episode_idx));
         scene.lights.shadows |= shadows;
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
-        let scene = RenderScene::new(&scene);
-        let images = (0..scene.n_cameras()).map(|c| vec![0; scene.side(c).pow(2) * 3]).collect();
+        let scene = RenderScene::new(&scene, sizes);
+        let images = (0..scene.n_cameras()).map(|c| vec![0; scene.size(c).n_bytes()]).collect();
         Self { scene, snapshot, images }
     }
 

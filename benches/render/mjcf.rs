@@ -32,7 +32,7 @@ fn scene_xml(scene: &ExportedScene) -> String {
         add_instance(&mut assets, &mut bodies, i, instance);
     }
     for (i, camera) in scene.cameras.iter().enumerate() {
-        let fovy = camera.fov_rad.to_degrees();
+        let fovy = camera.fov_y_rad.to_degrees();
         push_line(&mut bodies, &format!(r#"<body mocap="true"><camera name="c{i}" fovy="{fovy}"/></body>"#));
     }
     for (i, light) in scene.lights.iter().enumerate() {
@@ -47,7 +47,7 @@ fn scene_xml(scene: &ExportedScene) -> String {
             ),
         );
     }
-    let side = scene.cameras.iter().map(|camera| camera.side).max().unwrap_or(1);
+    let side = scene.cameras.iter().map(|camera| camera.size.height).max().unwrap_or(1);
     let [near_m, far_m] = scene.cameras.first().map_or([0.01, 100.0], |camera| camera.clip_m);
     let shadow_clip = scene.shadow_map_width_m / 2.0;
     let shadow_size = scene.shadow_map_side;

@@ -5,30 +5,21 @@
 //! | offset in block | tensor | shape, dtype |
 //! |--|--|--|
 //! | 0 | [`EnvRecord`] (query identity, state, instruction) | one page |
-//! | 4096 | external images | `[2, 224, 224, 3] u8`, sRGB, row-major, top row first |
-//! | 305152 | hand images | `[n_arms, 128, 128, 3] u8` |
+//! | 4096 | external images | `[2, height, width, 3] u8`, sRGB, row-major, top row first |
+//! | [`hand_offset`] | hand images | `[n_arms, height, width, 3] u8` |
 //!
-//! Without images, a block consists of the record's page alone. An action message is one [`ActionBlock`] of
-//! [`ACTION_PAGES`] pages per env.
+//! The header of a message states the sizes. Without images, a block consists of the record's page alone. An
+//! action message is one [`ActionBlock`] of [`ACTION_PAGES`] pages per env.
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::image_size::ImageSizes;
 use crate::morphology::Morphology;
 
 /// Size of a [`Page`] in bytes.
 pub const PAGE_BYTES: usize = 4096;
-/// Side of an external image in pixels.
-pub const EXTERNAL_SIDE: usize = 224;
-/// Side of a hand image in pixels.
-pub const HAND_SIDE: usize = 128;
-/// Bytes of one external image.
-pub const EXTERNAL_BYTES: usize = EXTERNAL_SIDE * EXTERNAL_SIDE * 3;
-/// Bytes of one hand image.
-pub const HAND_BYTES: usize = HAND_SIDE * HAND_SIDE * 3;
 /// Byte offset of the first external image in an env's block.
 pub const EXTERNAL_OFFSET: usize = PAGE_BYTES;
-/// Byte offset of the first hand image in an env's block.
-pub const HAND_OFFSET: usize = EXTERNAL_OFFSET + 2 * EXTERNAL_BYTES;
 /// Maximum length of an instruction in UTF-8 bytes.
 pub const INSTRUCTION_BYTES: usize = 1024;
 /// Maximum width of a state vector.
@@ -99,17 +90,29 @@ pub struct ActionBlock {
     pub rows: [f32; MAX_HORIZON * MAX_ACTION_DIM],
 }
 
-/// Returns the number of pages in one env's block of an observation message.
+/// Returns the number of pages in one env's block of an observation message, whose images have these sizes.
 #[must_use]
-pub const fn block_pages(morphology: Morphology, images: bool) -> usize {
-    if images { (HAND_OFFSET + morphology.n_hand_cameras() * HAND_BYTES).div_ceil(PAGE_BYTES) } else { 1 }
+pub const fn block_pages(morphology: Morphology, images: Option<ImageSizes>) -> usize {
+    match images {
+        Some(sizes) => {
+            let hand_bytes = morphology.n_hand_cameras() * sizes.hand.n_bytes();
+            (hand_offset(sizes) + hand_bytes).div_ceil(PAGE_BYTES)
+        }
+        None => 1,
+    }
+}
+
+/// Returns the byte offset of the first hand image in an env's block.
+#[must_use]
+pub const fn hand_offset(sizes: ImageSizes) -> usize {
+    EXTERNAL_OFFSET + 2 * sizes.external.n_bytes()
 }
 
 /// Description of the layout in one line, with the type and offset of every field. Input of [`SCHEMA_HASH`].
-pub const SCHEMA: &str = "hypogeum link v3; page 4096; \
-    obs header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, block_pages u32@32, morphology u32@36, control_mode u32@40, images u32@44, has_checksum u32@48, checksum u32@52, reserved 8@56} 64; \
+pub const SCHEMA: &str = "hypogeum link v4; page 4096; \
+    obs header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, block_pages u32@32, morphology u32@36, control_mode u32@40, images u32@44, has_checksum u32@48, checksum u32@52, image_sizes u16[4]@56} 64; \
     env record {slot u32@0, query u32@4, step u32@8, state_dim u32@12, instruction_len u32@16, execute u32@20, policy_seed u64@24, reserved 32@32, state f32[64]@64, instruction u8[1024]@320, zero@1344} 4096; \
-    external u8[2,224,224,3]@4096; hand u8[n_arms,128,128,3]@305152; \
+    external u8[2,h,w,3]@4096; hand u8[n_arms,h,w,3] next; \
     act header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, status u32@32, has_checksum u32@36, checksum u32@40, reserved 20@44} 64; \
     action block {slot u32@0, query u32@4, n_rows u32@8, action_dim u32@12, reserved 48@16, rows f32[127*16]@64} 8192; \
     single: state 25, cameras 2+1; bimanual: state 64, cameras 2+2; \
@@ -129,11 +132,6 @@ const _: () = {
     assert!(offset_of!(EnvRecord, padding) == 1344);
     assert!(size_of::<ActionBlock>() == ACTION_PAGES * PAGE_BYTES);
     assert!(offset_of!(ActionBlock, rows) == 64);
-    assert!(EXTERNAL_OFFSET == 4096 && EXTERNAL_BYTES == 150_528);
-    assert!(HAND_OFFSET == 305_152 && HAND_BYTES == 49_152);
-    assert!(block_pages(Morphology::Single, true) == 87);
-    assert!(block_pages(Morphology::Bimanual, true) == 99);
-    assert!(HAND_OFFSET.is_multiple_of(64));
 };
 
 #[cfg(test)]
@@ -142,6 +140,7 @@ mod tests {
 
     use super::*;
     use crate::frame::{ActionHeader, ObservationHeader};
+    use crate::image_size::ImageSize;
 
     /// Returns the fields that [`SCHEMA`] lists in braces after `name`.
     fn schema_fields(name: &str) -> Vec<&'static str> {
@@ -161,7 +160,7 @@ mod tests {
             schema_hash as "schema u64", run as "run u64", sequence as "sequence u64", epoch as "epoch u32",
             n_envs as "n_envs u32", block_pages as "block_pages u32", morphology as "morphology u32",
             control_mode as "control_mode u32", images as "images u32",
-            has_checksum as "has_checksum u32", checksum as "checksum u32", reserved as "reserved 8");
+            has_checksum as "has_checksum u32", checksum as "checksum u32", image_sizes as "image_sizes u16[4]");
         assert_eq!(schema_fields("obs header"), observation_header);
         let record = struct_fields!(EnvRecord:
             slot as "slot u32", query as "query u32", step as "step u32", state_dim as "state_dim u32",
@@ -183,16 +182,22 @@ mod tests {
     /// A change of this value breaks every existing foreign host.
     #[test]
     fn schema_hash_is_unchanged() {
-        assert_eq!(SCHEMA_HASH, 0xc3c4_e400_528b_9d0a, "found {SCHEMA_HASH:#018x}");
+        assert_eq!(SCHEMA_HASH, 0x13c3_20f6_1ab5_2ed2, "found {SCHEMA_HASH:#018x}");
     }
 
     #[test]
     fn block_holds_all_tensors_without_a_spare_page() {
-        for morphology in Morphology::ALL {
-            let bytes = block_pages(morphology, true) * PAGE_BYTES;
-            let needed = HAND_OFFSET + morphology.n_hand_cameras() * HAND_BYTES;
-            assert!(needed <= bytes && bytes - needed < PAGE_BYTES);
-            assert!(morphology.state_dim() <= MAX_STATE_DIM);
+        let odd = ImageSizes { external: ImageSize { width: 99, height: 65 }, hand: ImageSize::square(64) };
+        for sizes in [ImageSizes::BENCHMARK, odd] {
+            for morphology in Morphology::ALL {
+                let end = hand_offset(sizes) + morphology.n_arms() * sizes.hand.n_bytes();
+                let bytes = block_pages(morphology, Some(sizes)) * PAGE_BYTES;
+                assert!((end..end + PAGE_BYTES).contains(&bytes));
+            }
         }
+        assert_eq!(
+            Morphology::ALL.map(|morphology| block_pages(morphology, Some(ImageSizes::BENCHMARK))),
+            [87, 99]
+        );
     }
 }

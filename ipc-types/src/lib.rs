@@ -14,12 +14,14 @@
 
 mod checksum;
 pub mod frame;
+mod image_size;
 pub mod layout;
 pub mod link;
 pub mod morphology;
 mod os_error;
 
 pub use frame::{ActionHeader, ActionView, FrameError, ObservationHeader, ObservationView};
-pub use layout::{ActionBlock, EXTERNAL_SIDE, EnvRecord, HAND_SIDE, Page, SCHEMA_HASH};
+pub use image_size::{ImageSize, ImageSizes, RGB_BYTES};
+pub use layout::{ActionBlock, EnvRecord, Page, SCHEMA_HASH};
 pub use morphology::{ControlMode, Morphology};
 pub use os_error::{is_refusal, remedy};

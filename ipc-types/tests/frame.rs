@@ -4,37 +4,45 @@ use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{ACTION_PAGES, MAX_HORIZON, block_pages};
 use ipc_types::{
-    ActionBlock, ActionHeader, ActionView, EnvRecord, FrameError, Morphology, ObservationHeader,
-    ObservationView, Page, SCHEMA_HASH,
+    ActionBlock, ActionHeader, ActionView, EnvRecord, FrameError, ImageSize, ImageSizes, Morphology,
+    ObservationHeader, ObservationView, Page, SCHEMA_HASH,
 };
+
+/// Sizes that no benchmark has.
+const ODD: ImageSizes =
+    ImageSizes { external: ImageSize { width: 99, height: 65 }, hand: ImageSize { width: 64, height: 81 } };
 
 /// Returns a valid message of `n_envs` envs. All bytes of an env's external images are the env's index, those
 /// of its hand images the index with the high bit set.
-fn observation(morphology: Morphology, images: bool, n_envs: u32) -> (ObservationHeader, Vec<Page>) {
-    let block_pages = block_pages(morphology, images);
+fn observation(
+    morphology: Morphology,
+    images: Option<ImageSizes>,
+    n_envs: u32,
+) -> (ObservationHeader, Vec<Page>) {
     let header = ObservationHeader {
         schema_hash: SCHEMA_HASH,
         run: 7,
         sequence: 1,
         epoch: 1,
         n_envs,
-        block_pages: block_pages as u32,
-        morphology: morphology.code(),
         control_mode: morphology.default_control_mode().code(),
-        images: u32::from(images),
         ..ObservationHeader::default()
-    };
+    }
+    .with_images(morphology, images);
+    let block_pages = header.block_pages as usize;
     let mut pages = vec![Page::zeroed(); n_envs as usize * block_pages];
     for (env_idx, block) in pages.chunks_exact_mut(block_pages).enumerate() {
-        let env = EnvBlockMut::new(morphology, block);
-        env.external.fill(env_idx as u8);
-        env.hand.fill(0x80 | env_idx as u8);
+        let env = EnvBlockMut::new(morphology, images, block);
         env.record.slot = env_idx as u32;
         env.record.execute = 30;
         env.record.state_dim = morphology.state_dim() as u32;
         env.record.state[..morphology.state_dim()].fill(0.5);
         env.record.instruction_len = 3;
         env.record.instruction[..3].copy_from_slice(b"aim");
+        for (camera_idx, image) in env.images().enumerate() {
+            let is_hand = camera_idx >= morphology.n_external_cameras();
+            image.fill(env_idx as u8 | if is_hand { 0x80 } else { 0 });
+        }
     }
     (header, pages)
 }
@@ -58,7 +66,8 @@ fn action(n_envs: usize) -> (ActionHeader, Vec<Page>) {
 
 #[test]
 fn tensors_lie_inside_the_message_without_overlap() {
-    for (morphology, images) in Morphology::ALL.into_iter().flat_map(|m| [(m, true), (m, false)]) {
+    let images = [None, Some(ImageSizes::BENCHMARK), Some(ODD)];
+    for (morphology, images) in Morphology::ALL.into_iter().flat_map(|m| images.map(|images| (m, images))) {
         let (header, pages) = observation(morphology, images, 3);
         let view = ObservationView::new(header, &pages).unwrap();
         let mut end = pages.as_ptr().addr();
@@ -66,14 +75,15 @@ fn tensors_lie_inside_the_message_without_overlap() {
             let env = view.env(env_idx);
             assert_eq!(env.record.slot as usize, env_idx);
             assert_eq!((env.state.len(), env.instruction), (morphology.state_dim(), "aim"));
-            assert_eq!(env.external.len(), if images { 2 * 224 * 224 * 3 } else { 0 });
-            assert_eq!(env.hand.len(), if images { morphology.n_arms() * 128 * 128 * 3 } else { 0 });
+            assert_eq!(env.external.len(), images.map_or(0, |sizes| 2 * sizes.external.n_bytes()));
+            assert_eq!(env.hand.len(), images.map_or(0, |sizes| morphology.n_arms() * sizes.hand.n_bytes()));
+            assert_eq!(env.images().count(), images.map_or(0, |_| morphology.camera_names().len()));
             assert!(env.external.iter().all(|&byte| usize::from(byte) == env_idx));
             assert!(env.hand.iter().all(|&byte| usize::from(byte) == 0x80 | env_idx));
             let record = bytemuck::bytes_of(env.record);
             assert!(record.as_ptr_range().contains(&env.state.as_ptr().cast()));
             assert!(record.as_ptr_range().contains(&env.instruction.as_ptr()));
-            let tensors = if images { vec![record, env.external, env.hand] } else { vec![record] };
+            let tensors = if images.is_some() { vec![record, env.external, env.hand] } else { vec![record] };
             for tensor in tensors {
                 assert!(tensor.as_ptr().addr() >= end, "tensors overlap");
                 end = tensor.as_ptr().addr() + tensor.len();
@@ -85,10 +95,10 @@ fn tensors_lie_inside_the_message_without_overlap() {
 
 #[test]
 fn inconsistent_observation_header_is_rejected() {
-    let (good, pages) = observation(Morphology::Single, true, 2);
+    let (good, pages) = observation(Morphology::Single, Some(ImageSizes::BENCHMARK), 2);
     assert!(ObservationView::new(good, &pages).is_ok());
     type Corrupt = fn(&mut ObservationHeader);
-    let cases: [(&str, Corrupt); 12] = [
+    let cases: [(&str, Corrupt); 15] = [
         ("wrong schema hash", |h| h.schema_hash ^= 1),
         ("zero envs", |h| h.n_envs = 0),
         ("one env too few", |h| h.n_envs = 1),
@@ -101,6 +111,9 @@ fn inconsistent_observation_header_is_rejected() {
         ("unknown morphology", |h| h.morphology = 2),
         ("unknown control mode", |h| h.control_mode = 3),
         ("invalid image flag", |h| h.images = 2),
+        ("images without sizes", |h| h.image_sizes = [0; 4]),
+        ("other images than its pages hold", |h| h.image_sizes[3] += 64),
+        ("images beyond the limit", |h| h.image_sizes[0] = 1281),
     ];
     for (name, corrupt) in cases {
         let mut header = good;
@@ -129,7 +142,7 @@ fn inconsistent_record_is_rejected() {
         ("truncated UTF-8 sequence", |r| (r.instruction_len, r.instruction[0]) = (1, 0xc3)),
     ];
     for (name, corrupt) in cases {
-        let (header, mut pages) = observation(Morphology::Single, false, 2);
+        let (header, mut pages) = observation(Morphology::Single, None, 2);
         corrupt(&mut bytemuck::cast_slice_mut(&mut pages)[1]);
         let Err(error) = ObservationView::new(header, &pages) else { panic!("{name} was accepted") };
         assert!(error.to_string().starts_with("env 1"), "{name}: {error}");
@@ -191,13 +204,13 @@ fn failed_status_yields_no_blocks() {
 #[test]
 #[should_panic(expected = "pages of a bimanual block")]
 fn env_block_of_wrong_size_panics() {
-    let mut pages = vec![Page::zeroed(); block_pages(Morphology::Single, true)];
-    let _ = EnvBlockMut::new(Morphology::Bimanual, &mut pages);
+    let mut pages = vec![Page::zeroed(); block_pages(Morphology::Single, Some(ImageSizes::BENCHMARK))];
+    let _ = EnvBlockMut::new(Morphology::Bimanual, Some(ImageSizes::BENCHMARK), &mut pages);
 }
 
 #[test]
 fn checksum_covers_every_byte_of_a_message() {
-    let (header, mut pages) = observation(Morphology::Single, false, 1);
+    let (header, mut pages) = observation(Morphology::Single, None, 1);
     let checked = header.with_checksum(&pages);
     assert_eq!(checked.check_checksum(&pages), Ok(()));
     for byte in 0..size_of::<ObservationHeader>() {

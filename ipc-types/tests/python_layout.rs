@@ -9,10 +9,13 @@ use std::path::Path;
 
 use iceoryx2::prelude::ZeroCopySend;
 use ipc_types::layout::{
-    EXTERNAL_OFFSET, EXTERNAL_SIDE, HAND_OFFSET, HAND_SIDE, INSTRUCTION_BYTES, MAX_ACTION_DIM, MAX_HORIZON,
-    MAX_STATE_DIM, PAGE_BYTES, SCHEMA, SCHEMA_HASH, block_pages,
+    EXTERNAL_OFFSET, INSTRUCTION_BYTES, MAX_ACTION_DIM, MAX_HORIZON, MAX_STATE_DIM, PAGE_BYTES, SCHEMA,
+    SCHEMA_HASH,
 };
-use ipc_types::{ActionBlock, ActionHeader, ControlMode, EnvRecord, Morphology, ObservationHeader, Page};
+use ipc_types::{
+    ActionBlock, ActionHeader, ControlMode, EnvRecord, ImageSize, ImageSizes, Morphology, ObservationHeader,
+    Page,
+};
 
 /// Environment variable that makes the test write the module before the comparison.
 const BLESS: &str = "HYPOGEUM_BLESS";
@@ -49,12 +52,12 @@ fn module() -> String {
 Generated from ipc-types. To update it, run `HYPOGEUM_BLESS=1 cargo test -p ipc-types --test python_layout`.
 
 An observation message consists of `n_envs` blocks of whole pages, one per env. A block holds an `ENV_RECORD` (one page)
-and, if the lane has images, the external images `[2, 224, 224, 3] u8` and the hand images `[n_arms, 128, 128, 3] u8`.
-An action message consists of one `ACTION_BLOCK` (two pages) per env.
+and, if the lane has images, the external images `[2, height, width, 3] u8`, followed by the hand images
+`[n_arms, height, width, 3] u8`, both of the sizes in the header. An action message consists of one `ACTION_BLOCK` (two pages) per env.
 """
 
 import ctypes
-from ctypes import c_uint8, c_uint32, c_uint64
+from ctypes import c_uint8, c_uint16, c_uint32, c_uint64
 from typing import NamedTuple
 
 import numpy as np
@@ -92,12 +95,10 @@ fn split_at_width(text: &str, width: usize) -> Vec<String> {
 }
 
 fn constants(out: &mut String) {
-    let table: [(&str, usize, &str); 9] = [
+    let table: [(&str, usize, &str); 7] = [
         ("PAGE_BYTES", PAGE_BYTES, "Size of a page, the element of every message."),
-        ("EXTERNAL_SIDE", EXTERNAL_SIDE, "Side of an external image in pixels."),
-        ("HAND_SIDE", HAND_SIDE, "Side of a hand image in pixels."),
+        ("MIN_IMAGE_SIDE", ImageSize::MIN.width, "Smallest width and height of an image in pixels."),
         ("EXTERNAL_OFFSET", EXTERNAL_OFFSET, "Byte offset of the first external image in an env's block."),
-        ("HAND_OFFSET", HAND_OFFSET, "Byte offset of the first hand image in an env's block."),
         ("INSTRUCTION_BYTES", INSTRUCTION_BYTES, "Maximum length of an instruction in UTF-8 bytes."),
         ("MAX_STATE_DIM", MAX_STATE_DIM, "Maximum width of a state vector."),
         ("MAX_ACTION_DIM", MAX_ACTION_DIM, "Maximum width of an action row."),
@@ -106,6 +107,15 @@ fn constants(out: &mut String) {
     for (name, value, comment) in table {
         writeln!(out, "{name} = {value}  # {comment}").unwrap();
     }
+    let ImageSizes { external, hand } = ImageSizes::BENCHMARK;
+    let sizes = [external, hand].map(|size| format!("({}, {})", size.width, size.height)).join(", ");
+    writeln!(
+        out,
+        "IMAGE_SIZES = ({sizes})  # The benchmark's sizes of external and hand images, (width, height)."
+    )
+    .unwrap();
+    let ImageSize { width, height } = ImageSize::MAX;
+    writeln!(out, "MAX_IMAGE_SIZE = ({width}, {height})  # Largest width and height of an image.").unwrap();
 }
 
 /// Formats a Python tuple, on several lines if it is long.
@@ -132,7 +142,6 @@ class Morphology(NamedTuple):
     cameras: tuple  # names in the order of their images: external, then hand
     state_dim: int
     state_parts: tuple  # (name, width) pairs in the order of the state vector
-    block_pages: int  # pages of one env with images; without images it is 1
     default_control_mode: str
     action_dim: dict  # width of an action row by control mode
 
@@ -147,12 +156,11 @@ MORPHOLOGIES = {
         writeln!(
             out,
             "    {name:?}: Morphology(\n        {name:?}, n_arms={}, n_external_cameras={}, n_hand_cameras={}, \
-             state_dim={}, block_pages={},\n        cameras={},\n        state_parts={},\n        default_control_mode={:?},\n        action_dim={{{}}},\n    ),",
+             state_dim={},\n        cameras={},\n        state_parts={},\n        default_control_mode={:?},\n        action_dim={{{}}},\n    ),",
             morphology.n_arms(),
             morphology.n_external_cameras(),
             morphology.n_hand_cameras(),
             morphology.state_dim(),
-            block_pages(morphology, true),
             tuple(morphology.camera_names().iter().map(|name| format!("{name:?}"))),
             tuple(morphology.state_parts().iter().map(|(name, width)| format!("({name:?}, {width})"))),
             morphology.default_control_mode().name(),
@@ -169,7 +177,7 @@ fn messages(out: &mut String) {
     let observation = fields!(ObservationHeader:
         schema_hash as "c_uint64", run as "c_uint64", sequence as "c_uint64", epoch as "c_uint32",
         n_envs as "c_uint32", block_pages as "c_uint32", morphology as "c_uint32", control_mode as "c_uint32",
-        images as "c_uint32", has_checksum as "c_uint32", checksum as "c_uint32", reserved as "c_uint64");
+        images as "c_uint32", has_checksum as "c_uint32", checksum as "c_uint32", image_sizes as "c_uint16 * 4");
     let action = fields!(ActionHeader:
         schema_hash as "c_uint64", run as "c_uint64", sequence as "c_uint64", epoch as "c_uint32",
         n_envs as "c_uint32", status as "c_uint32", has_checksum as "c_uint32", checksum as "c_uint32",

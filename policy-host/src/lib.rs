@@ -15,7 +15,8 @@ pub mod spec;
 pub mod text;
 pub mod weights;
 
+pub use formats::PolicyCheck;
 pub use load::{LoadError, check, load, load_on, long_prompts};
-pub use policy::{ActionChunk, Policy, PolicyCheck, PolicyError};
+pub use policy::{ActionChunk, Policy, PolicyError};
 pub use run_config::QueryMode;
 pub use spec::{PolicySpec, PolicySpecError};

@@ -1,20 +1,20 @@
 //! Construction of a [`Policy`] from a [`PolicySpec`].
 
-use ipc_types::{ControlMode, Morphology};
+use ipc_types::{ControlMode, ImageSizes, Morphology};
 use run_config::{DeviceChoice, QueryOptions};
 use thiserror::Error;
 
 use crate::QueryMode;
 use crate::device::{DeviceError, DeviceRequest};
-use crate::formats::CheckpointFolderError;
+use crate::formats::{CheckpointFolderError, PolicyCheck};
 #[cfg(feature = "gpu")]
 use crate::models::LoadGpuError;
 use crate::models::family::{NetworkFamily, NetworkSource};
 use crate::models::idle::IdlePolicy;
 use crate::models::random::RandomPolicy;
 use crate::nn::Precision;
+use crate::policy::Policy;
 use crate::policy::ensemble::Ensemble;
-use crate::policy::{Policy, PolicyCheck};
 use crate::spec::PolicySpec;
 
 /// Errors that can occur while loading a policy or checking it against a run.
@@ -29,7 +29,7 @@ pub enum LoadError {
     Device(#[from] DeviceError),
 }
 
-/// Like [`load_on`], on the CPU.
+/// Like [`load_on`], on the CPU and for images of the benchmark's sizes.
 ///
 /// # Errors
 /// If the policy does not run in a policy host, or its checkpoint cannot be loaded.
@@ -39,10 +39,11 @@ pub fn load(
     mode: QueryMode,
     robots: &[Morphology],
 ) -> Result<Box<dyn Policy>, LoadError> {
-    load_on(spec, DeviceChoice::Cpu.into(), n_threads, mode, robots)
+    load_on(spec, DeviceChoice::Cpu.into(), n_threads, mode, (robots, ImageSizes::BENCHMARK))
 }
 
-/// Loads a policy. Of a checkpoint with a network for each robot, only the networks of `robots` are loaded.
+/// Loads a policy. Of a checkpoint with a network for each robot, only the networks of `robots` are loaded,
+/// for images of these sizes.
 /// The policy uses up to `n_threads` threads of the rayon pool in which it is called. Policies without a
 /// network compute on the CPU, and so do all with [`DeviceChoice::Auto`], which
 /// [`device::find`](crate::device::find) resolves.
@@ -54,13 +55,13 @@ pub fn load_on(
     device: DeviceRequest,
     n_threads: usize,
     mode: QueryMode,
-    robots: &[Morphology],
+    (robots, images): (&[Morphology], ImageSizes),
 ) -> Result<Box<dyn Policy>, LoadError> {
     let policy: Box<dyn Policy> = match spec {
         PolicySpec::Idle => Box::new(IdlePolicy),
         PolicySpec::Random => Box::new(RandomPolicy),
         PolicySpec::Network(family, source) => {
-            load_network(family.definition(), source, device, n_threads, robots)?
+            load_network(family.definition(), source, device, n_threads, (robots, images))?
         }
         PolicySpec::Expert | PolicySpec::Attach(_) | PolicySpec::Server(_) => {
             return Err(LoadError::NotHosted { spec: spec.clone() });
@@ -110,13 +111,13 @@ fn load_network(
     source: &NetworkSource,
     device: DeviceRequest,
     n_threads: usize,
-    robots: &[Morphology],
+    (robots, images): (&[Morphology], ImageSizes),
 ) -> Result<Box<dyn Policy>, LoadError> {
     let on_cpu = matches!(device.choice, DeviceChoice::Auto | DeviceChoice::Cpu);
     if on_cpu || source.precision != Precision::F32 {
-        Ok((family.load)(source, n_threads, robots)?)
+        Ok((family.load)(source, n_threads, robots, images)?)
     } else {
-        load_on_gpu(family, source, device, robots)
+        load_on_gpu(family, source, device, (robots, images))
     }
 }
 
@@ -125,11 +126,11 @@ fn load_on_gpu(
     family: &NetworkFamily,
     source: &NetworkSource,
     device: DeviceRequest,
-    robots: &[Morphology],
+    (robots, images): (&[Morphology], ImageSizes),
 ) -> Result<Box<dyn Policy>, LoadError> {
     let (kind, index) = device.adapter();
     let gpu = crate::nn::gpu::open(kind, index).map_err(LoadGpuError::from)?;
-    Ok((family.load_on_gpu)(source, gpu, robots)?)
+    Ok((family.load_on_gpu)(source, gpu, robots, images)?)
 }
 
 #[cfg(not(feature = "gpu"))]
@@ -137,7 +138,7 @@ fn load_on_gpu(
     _: &NetworkFamily,
     _: &NetworkSource,
     _: DeviceRequest,
-    _: &[Morphology],
+    _: (&[Morphology], ImageSizes),
 ) -> Result<Box<dyn Policy>, LoadError> {
     Err(DeviceError::NotBuilt.into())
 }

@@ -8,6 +8,7 @@ distinguishes a run in progress from one that was killed.
 import fcntl
 import json
 import os
+import re
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,8 @@ LOCK_NAME = "claim.lock"
 POLL_INTERVAL_S = 0.05
 # Longest descriptor in bytes; the program writes about a thousand.
 MAX_BYTES = 1 << 16
+# Sizes of images, those of the wrist only if they differ.
+IMAGE_SIZES = re.compile(r"([0-9]{2,4})x([0-9]{2,4})(?:,wrist=([0-9]{2,4})x([0-9]{2,4}))?")
 # Largest numbers of a lane.
 MAX_ENVS, MAX_BLOCK_PAGES, MAX_IN_FLIGHT, MAX_LANES, MAX_TIMEOUT_S = 1 << 20, 1 << 16, 1 << 10, 1 << 16, 1 << 24
 
@@ -51,7 +54,8 @@ class EndpointDescriptor:
     """Maximum number of unanswered observations."""
     morphologies: tuple
     """Names of the morphologies of the run's tasks."""
-    images: bool
+    images: "tuple | None"
+    """Sizes of external and hand images, (width, height) each; None if the run renders none for this policy."""
     answer_timeout_s: int
     """Time after which the run waits for an answer no longer."""
     execute: int
@@ -154,7 +158,7 @@ def parse(path, text):
             block_pages=number("lane.block_pages", lane["block_pages"], 1, MAX_BLOCK_PAGES),
             in_flight=number("lane.in_flight", lane["in_flight"], 1, MAX_IN_FLIGHT),
             morphologies=tuple(one_of("morphologies", name, MORPHOLOGIES) for name in fields["morphologies"]),
-            images=one_of("images", fields["images"], [False, True]),
+            images=image_sizes(fields["images"]),
             answer_timeout_s=number("answer_timeout_s", fields["answer_timeout_s"], 1, MAX_TIMEOUT_S),
             execute=number("execute", fields["execute"], 1, MAX_HORIZON),
             mode=one_of("mode", fields["mode"], [CHUNK, ENSEMBLE]),
@@ -167,6 +171,17 @@ def parse(path, text):
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise EndpointError(f"{path} is not an endpoint descriptor that this package can read: {reason[:200]}") from error
+
+
+def image_sizes(found):
+    """Return the sizes of external and hand images, which a descriptor gives as `WxH` or `WxH,wrist=WxH`."""
+    if found is None:
+        return None
+    match = IMAGE_SIZES.fullmatch(found) if isinstance(found, str) else None
+    if match is None:
+        raise ValueError(f"images is {found!r}, expected null or sizes such as 640x480 or 224x224,wrist=128x128")
+    width, height, *hand = (None if length is None else int(length) for length in match.groups())
+    return (width, height), (tuple(hand) if hand[0] is not None else (width, height))
 
 
 def number(name, found, low, high):

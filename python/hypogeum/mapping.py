@@ -4,7 +4,7 @@ Feature names and shapes determine the mapping as far as possible, with the name
 checkpoint's `rename_map` gives. `hypogeum.json` next to the checkpoint's `config.json` overrides or completes it. All
 its keys are optional:
 
-    {"morphology": "single", "control_mode": "pd_ee_delta_pose",
+    {"morphology": "single", "control_mode": "pd_ee_delta_pose", "protocol": "act",
      "mapping": {"observation.images.front": "external1_camera", "observation.state": ["qpos", "tcp_pose"],
                  "observation.environment_state": "language"},
      "language": {"encoder": "hashed", "dim": 512}}
@@ -27,8 +27,9 @@ IMAGES, STATE = "observation.images.", "observation.state"
 LANGUAGE = "language"
 # Source of a camera that the robot does not have.
 NO_CAMERA = "none"
-KEYS = {"morphology", "control_mode", "mapping", "language", "prompt_state", "vision_heads", "chunk_size", "ignore"}
+KEYS = {"morphology", "control_mode", "protocol", "mapping", "language", "prompt_state", "vision_heads", "chunk_size", "ignore"}
 PROMPT_STATES = ("unpadded", "padded")
+PROTOCOLS = ("act", "lerobot")
 ENCODERS = ("hashed",)
 # Substring of the names of features that LeRobot fills in itself if they are missing.
 EMPTY_CAMERA = ".empty_camera_"
@@ -81,6 +82,9 @@ def read_settings(folder):
     prompt_state = settings.get("prompt_state", PROMPT_STATES[0])
     if prompt_state not in PROMPT_STATES:
         raise MappingError(f"{path}: `prompt_state` is {prompt_state!r}, expected {' or '.join(PROMPT_STATES)}")
+    protocol = settings.get("protocol", PROTOCOLS[0])
+    if protocol not in PROTOCOLS:
+        raise MappingError(f"{path}: `protocol` is {protocol!r}, expected {' or '.join(PROTOCOLS)}")
     n_heads = settings.get("vision_heads", 1)
     if type(n_heads) is not int or n_heads < 1:
         raise MappingError(f"{path}: `vision_heads` is {n_heads!r}, expected a positive integer")

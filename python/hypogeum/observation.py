@@ -11,11 +11,10 @@ from .layout import (
     CONTROL_MODES,
     ENV_RECORD,
     EXTERNAL_OFFSET,
-    EXTERNAL_SIDE,
-    HAND_OFFSET,
-    HAND_SIDE,
     INSTRUCTION_BYTES,
     MAX_HORIZON,
+    MAX_IMAGE_SIZE,
+    MIN_IMAGE_SIDE,
     MORPHOLOGIES,
     PAGE_BYTES,
     SCHEMA_HASH,
@@ -44,11 +43,11 @@ class Observation:
     states: np.ndarray
     """State vectors, `[n_envs, state_dim] f32`."""
     external: "np.ndarray | None"
-    """External images, `[n_envs, 2, 224, 224, 3] u8`, RGB, top row first; None if the run renders no images."""
+    """External images, `[n_envs, 2, height, width, 3] u8`, RGB, top row first; None if the run renders no images."""
     hand: "np.ndarray | None"
-    """Hand images, `[n_envs, n_arms, 128, 128, 3] u8`, or None."""
+    """Hand images, `[n_envs, n_arms, height, width, 3] u8`, or None."""
     cameras: dict
-    """Images by camera name, `[n_envs, side, side, 3] u8` each; empty without images."""
+    """Images by camera name, `[n_envs, height, width, 3] u8` each; empty without images."""
     instructions: list
     """Language instruction per env; may be empty."""
     slots: list
@@ -98,8 +97,9 @@ class Observation:
         self.cameras = {}
         if header.images:
             n_hands = morphology.n_hand_cameras
-            self.external = tensor("u1", EXTERNAL_OFFSET, (2, EXTERNAL_SIDE, EXTERNAL_SIDE, 3))
-            self.hand = tensor("u1", HAND_OFFSET, (n_hands, HAND_SIDE, HAND_SIDE, 3))
+            width, height, hand_width, hand_height = header.image_sizes
+            self.external = tensor("u1", EXTERNAL_OFFSET, (2, height, width, 3))
+            self.hand = tensor("u1", hand_offset(header), (n_hands, hand_height, hand_width, 3))
             images = [self.external[:, idx] for idx in range(2)] + [self.hand[:, idx] for idx in range(n_hands)]
             self.cameras = dict(zip(CAMERAS[morphology.name], images))
 
@@ -173,18 +173,24 @@ class EnvObservation:
 
     @property
     def external(self):
-        """External images, `[2, 224, 224, 3] u8`, or None."""
+        """External images, `[2, height, width, 3] u8`, or None."""
         return None if self._all.external is None else self._all.external[self._idx]
 
     @property
     def hand(self):
-        """Hand images, `[n_arms, 128, 128, 3] u8`, or None."""
+        """Hand images, `[n_arms, height, width, 3] u8`, or None."""
         return None if self._all.hand is None else self._all.hand[self._idx]
 
     @property
     def cameras(self):
-        """Images by camera name, `[side, side, 3] u8` each."""
+        """Images by camera name, `[height, width, 3] u8` each."""
         return {name: images[self._idx] for name, images in self._all.cameras.items()}
+
+
+def hand_offset(header):
+    """Return the byte offset of the first hand image in an env's block."""
+    width, height, *_ = header.image_sizes
+    return EXTERNAL_OFFSET + 2 * width * height * 3
 
 
 def check_header(header, n_bytes):
@@ -203,7 +209,16 @@ def check_header(header, n_bytes):
     check("control_mode", header.control_mode < len(CONTROL_MODES), "0 to 2")
     check("images", header.images <= 1, "0 or 1")
     check("n_envs", header.n_envs >= 1, "at least 1")
-    block_pages = list(MORPHOLOGIES.values())[header.morphology].block_pages if header.images else 1
+    block_pages = 1
+    if header.images:
+        sizes = list(header.image_sizes)
+        in_range = [MIN_IMAGE_SIDE <= length <= limit for length, limit in zip(sizes, 2 * MAX_IMAGE_SIZE)]
+        if not all(in_range):
+            largest = "x".join(map(str, MAX_IMAGE_SIZE))
+            expected = f"{MIN_IMAGE_SIDE}x{MIN_IMAGE_SIDE} to {largest} pixels"
+            raise FrameError(f"header field `image_sizes` is {sizes}, expected {expected}")
+        n_hands = list(MORPHOLOGIES.values())[header.morphology].n_hand_cameras
+        block_pages = -(-(hand_offset(header) + n_hands * sizes[2] * sizes[3] * 3) // PAGE_BYTES)
     check("block_pages", header.block_pages == block_pages, block_pages)
     expected = header.n_envs * block_pages * PAGE_BYTES
     if n_bytes != expected:

@@ -9,6 +9,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
 from lerobot.policies.factory import make_pre_post_processors
 from lerobot.policies.pi0 import modeling_pi0
 from lerobot.policies.pi05 import modeling_pi05, processor_pi05
@@ -210,6 +211,25 @@ def pad_prompt(preprocess, max_state_dim):
         return PaddedPrompt(**(vars(step) | {"max_state_dim": max_state_dim}))
 
     preprocess.steps = [padded(step) for step in preprocess.steps]
+
+
+def scale_bars_twice(policy):
+    """Give the bars beside a policy's images that are not square the value -3, as LeRobot before 0.5 did."""
+    preprocess, original = policy._preprocess_images, modeling_pi05.resize_with_pad_torch
+
+    def resize(images, *size):
+        inside = original(torch.ones_like(images), *size)
+        # In [0, 1]; the network's input is scaled to [-1, 1] afterwards.
+        return original(images, *size).masked_fill(inside == 0, -1.0)
+
+    def with_bars(batch):
+        modeling_pi05.resize_with_pad_torch = resize
+        try:
+            return preprocess(batch)
+        finally:
+            modeling_pi05.resize_with_pad_torch = original
+
+    policy._preprocess_images = with_bars
 
 
 def processors_of(config, stats, tokenizer):

@@ -6,7 +6,7 @@ import numpy as np
 
 from hypogeum import Observation
 from hypogeum.execution import Requested
-from hypogeum.layout import ENV_RECORD, MORPHOLOGIES, PAGE_BYTES, SCHEMA_HASH, ObservationHeader
+from hypogeum.layout import ENV_RECORD, IMAGE_SIZES, MORPHOLOGIES, PAGE_BYTES, SCHEMA_HASH, ObservationHeader
 
 
 def attached(mode=None, execute=None, morphologies=("single",), images=True):
@@ -17,19 +17,23 @@ def attached(mode=None, execute=None, morphologies=("single",), images=True):
         execute=rows,
         requested=Requested(mode, execute),
         morphologies=morphologies,
-        images=images,
+        images=IMAGE_SIZES if images else None,
         answer_timeout_s=120,
     )
 
 
-def message(n_envs=2, morphology="single", images=True, control_mode=0, records=()):
+def message(n_envs=2, morphology="single", images=True, control_mode=0, records=(), sizes=IMAGE_SIZES):
     """Return the header and the pages, `[n_bytes] u8`, of a message.
 
-    `records[i]` overrides fields of the record of env `i`.
+    `records[i]` overrides fields of the record of env `i`; `sizes` are those of external and hand images, (width, height).
     """
     code = list(MORPHOLOGIES).index(morphology)
-    block_pages = MORPHOLOGIES[morphology].block_pages if images else 1
+    counts = (2, MORPHOLOGIES[morphology].n_hand_cameras)
+    n_bytes = sum(count * width * height * 3 for count, (width, height) in zip(counts, sizes)) if images else 0
+    block_pages = 1 - -n_bytes // PAGE_BYTES
     header = ObservationHeader(SCHEMA_HASH, 7, 1, 0, n_envs, block_pages, code, control_mode, int(images))
+    if images:
+        header.image_sizes = sum(sizes, ())
     blocks = np.zeros((n_envs, block_pages * PAGE_BYTES), np.uint8)
     for env_idx, block in enumerate(blocks):
         block[PAGE_BYTES:] = env_idx + 1

@@ -87,7 +87,7 @@ def descriptor(**changes):
     lane = dict(lane=0, policy="p", max_envs=4, block_pages=87, in_flight=2)
     return dict(
         domain=dict(root="/runs/0123456789ab", prefix=f"hyp_{os.getuid()}_0123456789ab_"), lane=lane, run=7, schema_hash=f"{SCHEMA_HASH:016x}",
-        morphologies=["single"], images=True, answer_timeout_s=120, execute=30, mode="chunk", requested=dict(mode=None, execute=12),
+        morphologies=["single"], images="224x224,wrist=128x128", answer_timeout_s=120, execute=30, mode="chunk", requested=dict(mode=None, execute=12),
     ) | changes  # fmt: skip
 
 

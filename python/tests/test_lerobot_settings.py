@@ -181,13 +181,11 @@ def test_weights_before_training_are_not_downloaded(copy, monkeypatch):
     assert (executed_rows(copy, attached()) == expected).all()
 
 
-def test_images_of_another_aspect_are_announced(tmp_path, caplog):
+def test_images_of_another_size_are_announced(tmp_path, caplog):
     wide = {"observation.images.external2": PolicyFeature(FeatureType.VISUAL, (3, 48, 64))}
     with caplog.at_level(logging.INFO, "hypogeum"):
-        LeRobotPolicy(checkpoints.act(tmp_path / "act", wide))
-    assert (
-        "external2 had 64 x 48 pixels in training; external2_camera is square and stretched to that size" in caplog.text
-    )
+        LeRobotPolicy(checkpoints.act(tmp_path / "act", wide)).on_attach(attached())
+    assert "external2_camera 224x224 instead of 64x48" in caplog.text
 
 
 def test_recorded_encoder_needs_no_hypogeum_json(tmp_path):

@@ -35,6 +35,12 @@ def test_torch_tensors_share_memory():
         assert tensor.data_ptr() == array.__array_interface__["data"][0] and tuple(tensor.shape) == array.shape
 
 
+def test_images_have_the_sizes_in_the_header():
+    found = observation(morphology="bimanual", sizes=((640, 480), (99, 65)))
+    assert found.external.shape == (2, 2, 480, 640, 3) and found.hand.shape == (2, 2, 65, 99, 3)
+    assert (found.hand[1] == 2).all() and found[0].cameras["panda2_hand_camera"].shape == (65, 99, 3)
+
+
 @pytest.mark.parametrize(
     "field, value, words",
     [
@@ -42,6 +48,9 @@ def test_torch_tensors_share_memory():
         ("morphology", 2, ("morphology",)),
         ("control_mode", 3, ("control_mode",)),
         ("images", 2, ("images",)),
+        ("image_sizes", (0, 0, 0, 0), ("image_sizes", "64x64 to 1280x960")),
+        ("image_sizes", (1281, 224, 128, 128), ("image_sizes", "1281")),
+        ("image_sizes", (224, 240, 128, 128), ("block_pages",)),
         ("n_envs", 0, ("n_envs",)),
         ("n_envs", 3, ("bytes", "implies")),
         ("block_pages", 99, ("block_pages", "87")),

@@ -102,7 +102,7 @@ def features():
         inputs(
             "images of another aspect",
             [set_value(CONFIG, ["input_features", EXTERNAL[0], "shape"], [3, 96, 128])],
-            announced(EXTERNAL[0]),
+            announced("instead of 128x96"),
         ),
         inputs(
             "images of the robot's size", [set_value(CONFIG, ["input_features", EXTERNAL[0], "shape"], [3, 224, 224])]

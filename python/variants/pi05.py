@@ -134,7 +134,7 @@ def features():
         inputs(
             "images of another aspect",
             [set_value(CONFIG, ["input_features", EXTERNAL[0], "shape"], [3, 480, 640])],
-            announced("square images"),
+            announced("instead of 640x480"),
         ),
         # LeRobot takes the modes from the processors.
         config("pi05", "normalization_mapping", mapping(STATE="MIN_MAX", ACTION="MIN_MAX")),
@@ -171,6 +171,7 @@ def reordered():
         n_action_steps=4,
         image_resolution=[SIDE, SIDE],
         tokenizer_max_length=MAX_TOKENS,
+        use_relative_actions=False,
     )
     return json.dumps(values, indent=2) + "\n"
 

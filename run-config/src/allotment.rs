@@ -39,8 +39,8 @@ pub fn core_bounds() -> Vec<ResourceBound<f64>> {
     mask.into_iter().chain(quotas(Path::new(ROOT))).chain(slurm_cores(&variable)).collect()
 }
 
-/// Returns the core-seconds since the start of the machine in which a core of the affinity mask had nothing to
-/// do; `None` if the system does not count them.
+/// Returns the core-seconds since the start of the machine in which cores of the affinity mask were idle;
+/// `None` if the system does not count them.
 #[must_use]
 pub fn idle_core_s() -> Option<f64> {
     let mask = sched_getaffinity(None).ok()?;

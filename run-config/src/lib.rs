@@ -4,23 +4,19 @@
 
 pub mod allotment;
 mod amount;
-mod choices;
 mod error_chain;
 pub mod input;
 mod language_file;
 mod lifeline;
 mod options;
-mod query;
-mod strength;
 pub mod trace;
 
 pub use amount::{Amount, AmountError};
-pub use choices::{DeviceChoice, Profile, QueryMode, RendererChoice, Samples};
 pub use error_chain::{error_chain, one_line, printable, shorten};
 pub use language_file::{LanguageFile, LanguageFileError};
 pub use lifeline::Lifeline;
 pub use options::{
-    ImageOptions, InferenceOptions, MAX_ENVS, MAX_THREADS, ResourceOptions, ResultOptions, RunConfig,
+    DeviceChoice, EpisodeEnd, Execution, ImageOptions, InferenceOptions, Instructions, MAX_ENVS, MAX_THREADS,
+    Profile, Protocol, ProtocolName, ProtocolOptions, QueryMode, QueryOptions, RendererChoice,
+    ResourceOptions, ResultOptions, RunConfig, Samples, Strength, StrengthError,
 };
-pub use query::{Execution, QueryOptions};
-pub use strength::{Strength, StrengthError};

@@ -27,6 +27,7 @@ const TASK: Task = Task {
     max_steps: 120,
     demo_steps: 80.0,
     instruction: "push the puck over the line",
+    lerobot_instruction: "Push the puck",
     paraphrases: "shove the puck beyond the line\nget the puck past the line",
     nominal,
     success,

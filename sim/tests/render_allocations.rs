@@ -4,7 +4,7 @@
 #[path = "../../tests/counting.rs"]
 mod counting;
 
-use ipc_types::ControlMode;
+use ipc_types::{ControlMode, ImageSizes};
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::Snapshot;
@@ -19,11 +19,11 @@ fn rendering_allocates_nothing_after_warm_up() {
         let scene = (task.task().nominal)(Profile::Strict).draw(7);
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
-        envs.push((RenderScene::new(&scene), snapshot));
+        envs.push((RenderScene::new(&scene, ImageSizes::BENCHMARK), snapshot));
     }
     let mut images: Vec<Vec<Vec<u8>>> = envs
         .iter()
-        .map(|(scene, _)| (0..scene.n_cameras()).map(|c| vec![0; scene.side(c).pow(2) * 3]).collect())
+        .map(|(scene, _)| (0..scene.n_cameras()).map(|c| vec![0; scene.size(c).n_bytes()]).collect())
         .collect();
     let mut renderer = CpuRenderer::new(2);
     // Runs on a worker thread, because injecting work into the pool from outside allocates.

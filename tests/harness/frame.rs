@@ -4,10 +4,10 @@ use std::ops::Range;
 
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
-use ipc_types::layout::{ACTION_PAGES, EXTERNAL_BYTES, HAND_BYTES, block_pages};
+use ipc_types::layout::ACTION_PAGES;
 use ipc_types::{
-    ActionBlock, ActionHeader, ActionView, ControlMode, EnvRecord, Morphology, ObservationHeader,
-    ObservationView, Page, SCHEMA_HASH,
+    ActionBlock, ActionHeader, ActionView, ControlMode, EnvRecord, ImageSize, ImageSizes, Morphology,
+    ObservationHeader, ObservationView, Page, SCHEMA_HASH,
 };
 use policy_host::{ActionChunk, PolicySpec, QueryMode, load};
 
@@ -75,21 +75,20 @@ fn action(edits: &mut Edits<'_>) -> bool {
 pub(crate) fn valid_observation(edits: &mut Edits<'_>) -> (ObservationHeader, Vec<Page>) {
     let morphology = *edits.pick(&Morphology::ALL);
     let control_mode = *edits.pick(&ControlMode::ALL);
-    let images = edits.below(4) == 1;
+    let small = ImageSizes { external: ImageSize { width: 65, height: 64 }, hand: ImageSize::MIN };
+    let images = *edits.pick(&[None, None, None, Some(small)]);
     let n_envs = 1 + edits.below(3);
-    let block_pages = block_pages(morphology, images);
     let header = ObservationHeader {
         schema_hash: SCHEMA_HASH,
         n_envs: n_envs as u32,
-        block_pages: block_pages as u32,
-        morphology: morphology.code(),
         control_mode: control_mode.code(),
-        images: u32::from(images),
         ..ObservationHeader::default()
-    };
+    }
+    .with_images(morphology, images);
+    let block_pages = header.block_pages as usize;
     let mut pages = vec![Page::zeroed(); n_envs * block_pages];
     for (env_idx, block) in pages.chunks_exact_mut(block_pages).enumerate() {
-        let env = EnvBlockMut::new(morphology, block);
+        let env = EnvBlockMut::new(morphology, images, block);
         env.external.fill(env_idx as u8);
         env.record.slot = env_idx as u32;
         env.record.execute = 30;
@@ -136,12 +135,9 @@ fn check_observation(view: &ObservationView<'_>, pages: &[Page], edits: &mut Edi
         assert!(contains(&message, env.instruction.as_bytes()));
         assert!(contains(&message, env.external) && contains(&message, env.hand));
         assert!(env.state.len() <= view.morphology().state_dim());
-        if view.has_images() {
-            for camera_idx in 0..view.morphology().camera_names().len() {
-                let (image, side) = env.image(camera_idx);
-                assert!(contains(&message, image) && [EXTERNAL_BYTES, HAND_BYTES].contains(&image.len()));
-                assert_eq!(image.len(), side * side * 3);
-            }
+        for (image, size) in env.images() {
+            assert!(contains(&message, image) && size.is_supported());
+            assert_eq!(image.len(), size.n_bytes());
         }
     }
     let policies = [(PolicySpec::Idle, QueryMode::Chunk), (PolicySpec::Random, QueryMode::Ensemble)];

@@ -1,8 +1,8 @@
 //! Files of paraphrases (`--language`).
 
 use ipc_types::layout::INSTRUCTION_BYTES;
-use run_config::{LanguageFile, error_chain};
-use sim::perturb::{Composition, Sentences, Strength};
+use run_config::{Instructions, LanguageFile, RunConfig, error_chain};
+use sim::perturb::{Composition, Language, Strength};
 use sim::{Perturbation, Profile, TaskId};
 
 use super::edits::Edits;
@@ -32,7 +32,14 @@ pub fn run(data: &[u8]) -> bool {
     let file = LanguageFile::open(&path).unwrap();
     let task = TaskId::RaiseCube.task();
     let profile = if edits.below(2) == 0 { Profile::Strict } else { Profile::Paper };
-    let sentences = match Sentences::read(&file) {
+    let mut options = RunConfig::default().results;
+    let is_paraphrases = edits.below(2) == 0;
+    if is_paraphrases {
+        options.language = Some(file);
+    } else {
+        options.protocol.instructions = Instructions::File(file);
+    }
+    let sentences = match Language::read(&options) {
         Ok(sentences) => sentences,
         Err(error) => return refused(&error_chain(&error), &path),
     };
@@ -41,7 +48,7 @@ pub fn run(data: &[u8]) -> bool {
     }
     let composition = Composition::from(Perturbation::LanguageParaphrase);
     let mut spec = composition.spec(task, profile, Strength::FULL);
-    sentences.replace(task, profile, &mut spec);
+    sentences.apply(task, profile, &mut spec);
     let instruction = spec.draw(edits.number()).instruction;
     assert!((1..=INSTRUCTION_BYTES).contains(&instruction.len()), "{instruction:?}");
     true

@@ -26,8 +26,7 @@ fn messages() -> Vec<Message> {
     let domain = json!({ "prefix": "hyp_0_1_", "root": "/tmp/1" });
     let spec = json!({ "lane": 0, "policy": "a", "max_envs": 8, "block_pages": 87, "in_flight": 2 });
     let run = json!(run_config::RunConfig::default());
-    let lane =
-        json!({ "spec": spec, "images": true, "foreign": false, "answer_timeout_s": 120, "execute": 30 });
+    let lane = json!({ "spec": spec, "images": "224x224,wrist=128x128", "foreign": false, "answer_timeout_s": 120, "execute": 30 });
     let sim = json!({
         "domain": domain, "run_id": u64::MAX, "max_envs": 8, "envs": 4, "lanes": [lane], "run": run
     });

@@ -4,12 +4,13 @@ use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
 use crate::scratch::{RUN, Scratch, create_sim, open_host};
+use ipc_types::ImageSizes;
 use ipc_types::layout::block_pages;
 use ipc_types::link::{BudgetError, LaneSpec, LinkError, SimLane, check_budget};
 use ipc_types::{Morphology, Page};
 
 fn lane_with_images(max_envs: u32) -> LaneSpec {
-    let block_pages = block_pages(Morphology::Bimanual, true) as u32;
+    let block_pages = block_pages(Morphology::Bimanual, Some(ImageSizes::BENCHMARK)) as u32;
     LaneSpec { lane: 0, policy: "act".into(), max_envs, block_pages, in_flight: 2 }
 }
 

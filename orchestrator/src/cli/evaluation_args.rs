@@ -17,9 +17,9 @@ pub(crate) struct EvaluationArgs {
     /// Results files of `run`
     #[arg(value_name = "RESULTS.db", required = true)]
     pub(crate) files: Vec<PathBuf>,
-    /// Option that may differ between the files although results depend on it, such as `latency`
-    /// (repeatable); `seed` pools the episodes of several seeds
-    #[arg(long, value_name = "KEY")]
+    /// Options that may differ between the files although results depend on them, such as `latency`; `seed`
+    /// pools the episodes of several seeds
+    #[arg(long, value_name = "KEY,…", value_delimiter = ',')]
     pub(crate) across: Vec<String>,
     /// Success that is compared
     #[arg(long, value_enum, default_value_t)]

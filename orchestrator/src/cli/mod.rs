@@ -31,7 +31,7 @@ macro_rules! subcommands {
         /// A subcommand with its arguments.
         #[derive(Debug, Subcommand)]
         pub(crate) enum Command {
-            $($(#[$attribute])* $name($arguments),)*
+            $($(#[$attribute])* $name(Box<$arguments>),)*
         }
 
         impl Command {
@@ -167,7 +167,7 @@ mod tests {
     fn file_errors_name_file_line_and_key() {
         let error = |text| parse(text, "").unwrap_err();
         insta::assert_snapshot!(error("\nepsiodes = 3\n"), @"the sweep file sweep.toml, line 2: unknown key `epsiodes`; did you mean episodes?");
-        insta::assert_snapshot!(error("json = true\n"), @"the sweep file sweep.toml, line 1: unknown key `json`; expected one of policies, tasks, perturbations, episodes, db, until_decided, margin, alpha, seed, profile, strength, latency, control_mode, language, mode, execute, renderer, samples, policy_device, envs, threads, gpu, keep_actions, check_frames, python, trace");
+        insta::assert_snapshot!(error("json = true\n"), @"the sweep file sweep.toml, line 1: unknown key `json`; expected one of policies, tasks, perturbations, episodes, db, until_decided, margin, alpha, seed, profile, strength, latency, control_mode, language, mode, execute, protocol, image_size, instructions, end, renderer, samples, policy_device, envs, threads, gpu, keep_actions, check_frames, python, trace");
         insta::assert_snapshot!(error("episodes = \"many\"\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found `many`, expected a whole number");
         insta::assert_snapshot!(error("episodes = 0\n"), @"the sweep file sweep.toml, line 1, key `episodes`: 0 is not in 1..=1000000");
         insta::assert_snapshot!(error("episodes = [1, 2]\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found [1, 2], expected one string or number");

@@ -5,7 +5,7 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ipc_types::link::{Domain, LaneSpec};
-use ipc_types::{Morphology, SCHEMA_HASH};
+use ipc_types::{ImageSizes, Morphology, SCHEMA_HASH};
 use policy_host::PolicySpec;
 use run_config::{QueryMode, QueryOptions};
 use serde::{Deserialize, Serialize};
@@ -81,7 +81,8 @@ struct LaneDescription<'a> {
     /// Hexadecimal, since JSON numbers of some languages do not hold 64 bits.
     schema_hash: String,
     morphologies: &'a [Morphology],
-    images: bool,
+    /// Sizes of the images; null without images.
+    images: Option<ImageSizes>,
     answer_timeout_s: u32,
     execute: u32,
     mode: QueryMode,

@@ -28,7 +28,7 @@ pub(crate) struct PolicyLane {
 pub(crate) fn lanes(plan: &RunPlan, batch: u32) -> Vec<PolicyLane> {
     let policy = |((policy, driver), &execution): ((&NamedPolicy, Driver), &Execution)| {
         let Driver::Lane(lane) = driver else { return None };
-        let images = policy.spec.needs_images();
+        let images = policy.spec.needs_images().then_some(plan.config.results.protocol.image_size);
         let max_pages =
             plan.morphologies().into_iter().map(|morphology| block_pages(morphology, images)).max();
         let spec = LaneSpec {

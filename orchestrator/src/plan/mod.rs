@@ -9,9 +9,10 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use ipc_types::{ControlMode, Morphology};
-use run_config::{Execution, QueryMode, ResultOptions, RunConfig};
+use policy_host::PolicyCheck;
+use run_config::{Execution, ProtocolName, QueryMode, ResultOptions, RunConfig};
 use sim::TaskId;
-use sim::perturb::{Sentences, SentencesError};
+use sim::perturb::{Language, SentencesError};
 use thiserror::Error;
 
 use crate::plan::sweep::SweepArgs;
@@ -59,7 +60,12 @@ pub(crate) enum PlanError {
     Latency { found: u32, reason: &'static str },
     #[error("--until-decided needs two policies of the run, separated by a comma; found `{found}`")]
     UntilDecided { found: String },
-    #[error("failed to read --language")]
+    #[error(
+        "policy `{}` was trained for protocol {}, `{}` for {}: evaluate them in separate runs, or choose one with --protocol",
+        policies[0], protocols[0], policies[1], protocols[1]
+    )]
+    Protocols { policies: [String; 2], protocols: [&'static str; 2] },
+    #[error("failed to read the sentences")]
     Sentences(#[from] SentencesError),
 }
 
@@ -78,20 +84,19 @@ impl RunPlan {
         check_latency(options.latency, query.without_checkpoint())?;
         check_start_pose(options)?;
         let conditions = conditions(&TaskSelector::select(tasks), perturbations)?;
-        if let Some(file) = &options.language {
-            let sentences = Sentences::read(file)?;
-            let require = |condition: &Condition| sentences.require(condition.task.task(), options.profile);
-            conditions.iter().try_for_each(require)?;
-        }
-        Ok(Self {
+        let mut config = config.clone();
+        config.results.protocol = config.protocol.resolve(None);
+        let plan = Self {
             policies: policies.clone(),
             executions: vec![query.without_checkpoint(); policies.len()],
             conditions,
             episodes: *episodes,
-            config: config.clone(),
+            config,
             db: db.clone(),
             stopping: stopping_rule(args)?,
-        })
+        };
+        plan.check_sentences()?;
+        Ok(plan)
     }
 
     /// Returns the morphologies of the tasks, each once.
@@ -108,19 +113,52 @@ impl RunPlan {
     /// # Errors
     /// If the file of `--language` cannot be read.
     pub(crate) fn instructions(&self) -> Result<Vec<(Morphology, String)>, SentencesError> {
-        let ResultOptions { profile, strength, ref language, .. } = self.config.results;
-        let own = language.as_ref().map(Sentences::read).transpose()?;
+        let ResultOptions { profile, strength, .. } = self.config.results;
+        let language = Language::read(&self.config.results)?;
         let mut instructions = BTreeSet::new();
         for Condition { task, perturbation } in &self.conditions {
             let task = task.task();
             let mut spec = perturbation.spec(task, profile, strength);
-            if let Some(own) = &own {
-                own.replace(task, profile, &mut spec);
-            }
+            language.apply(task, profile, &mut spec);
             let sentences = spec.instruction.sentences();
             instructions.extend(sentences.into_iter().map(|text| (task.morphology, text.to_owned())));
         }
         Ok(instructions.into_iter().collect())
+    }
+
+    /// Chooses the protocol: the user's, or else the one that the policies' checkpoints were trained for.
+    ///
+    /// # Errors
+    /// If the user chose none and the checkpoints were trained for different ones, or a sentence is missing.
+    pub(crate) fn choose_protocol<'a>(
+        &mut self,
+        checks: impl Iterator<Item = (&'a str, &'a PolicyCheck)>,
+    ) -> Result<(), PlanError> {
+        let mut trained = checks.filter_map(|(name, check)| {
+            let is_network = !check.mappings.is_empty();
+            let protocol = check.mappings.iter().find_map(|mapping| mapping.protocol);
+            is_network.then_some((name, protocol.unwrap_or_default()))
+        });
+        let first = trained.next();
+        let options = &self.config.protocol;
+        if let (None, Some((name, protocol))) = (options.protocol, first)
+            && let Some((other, other_protocol)) = trained.find(|(_, other)| *other != protocol)
+        {
+            return Err(PlanError::Protocols {
+                policies: [name, other].map(str::to_owned),
+                protocols: [protocol, other_protocol].map(ProtocolName::name),
+            });
+        }
+        self.config.results.protocol = options.resolve(first.map(|(_, protocol)| protocol));
+        self.check_sentences()
+    }
+
+    /// Checks that there are sentences for all tasks.
+    fn check_sentences(&self) -> Result<(), PlanError> {
+        let options = &self.config.results;
+        let language = Language::read(options)?;
+        let require = |condition: &Condition| language.require(condition.task.task(), options.profile);
+        Ok(self.conditions.iter().try_for_each(require)?)
     }
 
     /// Returns the control mode of policies with this morphology. Two arms always use absolute joint

@@ -42,11 +42,25 @@ pub(crate) fn resolve(plan: &mut RunPlan, device: Option<&str>) -> Result<Vec<Id
     let robots: Vec<_> =
         plan.morphologies().into_iter().map(|robot| (robot, plan.control_mode_of(robot))).collect();
     let (query, latency) = (plan.config.query, plan.config.results.latency);
-    let instructions = plan.instructions().or_user()?;
     let interpreter = plan.config.resources.python.clone();
-    let resolve = |policy: &mut NamedPolicy, execution: &mut Execution| -> anyhow::Result<Identity> {
+    let check = |policy: &NamedPolicy| -> anyhow::Result<(NamedPolicy, PolicyCheck)> {
         let located = policy.located()?;
-        let PolicyCheck { execution: own, mut notes } = policy_host::check(&located.spec, &robots, query)?;
+        let check = policy_host::check(&located.spec, &robots, query)?;
+        Ok((located, check))
+    };
+    let of_policy = |name: &str| format!("policy `{name}`");
+    let checks =
+        plan.policies.iter().map(|policy| check(policy).with_context(|| of_policy(&policy.name)).or_user());
+    let checks = checks.collect::<Result<Vec<_>, _>>()?;
+    plan.choose_protocol(checks.iter().map(|(policy, check)| (policy.name.as_str(), check))).or_user()?;
+    let images = plan.config.results.protocol.image_size;
+    let instructions = plan.instructions().or_user()?;
+    let resolve = |policy: &mut NamedPolicy,
+                   execution: &mut Execution,
+                   (located, check): (NamedPolicy, PolicyCheck)|
+     -> anyhow::Result<Identity> {
+        let PolicyCheck { execution: own, mappings, mut notes } = check;
+        notes.extend(mappings.iter().filter_map(|mapping| mapping.image_differences(images)));
         *execution = own.unwrap_or(*execution);
         check_latency(latency, *execution)?;
         notes.extend(policy_host::long_prompts(&located.spec, &instructions)?);
@@ -65,10 +79,10 @@ pub(crate) fn resolve(plan: &mut RunPlan, device: Option<&str>) -> Result<Vec<Id
         *policy = located;
         Ok(identity)
     };
-    let policies = plan.policies.iter_mut().zip(&mut plan.executions);
-    let identities = policies.map(|(policy, execution)| {
+    let policies = plan.policies.iter_mut().zip(&mut plan.executions).zip(checks);
+    let identities = policies.map(|((policy, execution), check)| {
         let name = policy.name.clone();
-        resolve(policy, execution).with_context(|| format!("policy `{name}`")).or_user()
+        resolve(policy, execution, check).with_context(|| of_policy(&name)).or_user()
     });
     identities.collect()
 }

@@ -3,13 +3,14 @@
 use std::path::Path;
 
 use anyhow::Context;
+use ipc_types::ImageSizes;
 use rayon::prelude::*;
 use run_config::Samples;
 use sim::demo::Recording;
-use sim::render::{CpuOptions, CpuRenderer};
-use sim::show::HighResScene;
+use sim::render::{CpuOptions, CpuRenderer, RenderScene};
 use sim::show::contact_sheet::{self, Panel};
 use sim::show::movie::MovieFormat;
+use sim::show::scaled;
 
 use crate::console::exit::ExitStatus;
 use crate::run::movie;
@@ -42,14 +43,14 @@ impl EpisodeSource {
 
     /// Executes the stored actions of an episode again.
     pub(crate) fn replay(&self, episode_idx: usize) -> anyhow::Result<ReplayedEpisode> {
-        let StoredEpisode { ref policy, subject, seed, mode, .. } = self.episodes()[episode_idx];
+        let StoredEpisode { ref policy, subject, seed, mode, images, .. } = self.episodes()[episode_idx];
         let actions = match self {
             Self::Dataset(dataset) => dataset.actions(episode_idx),
             Self::Results(results) => results.actions(episode_idx),
         }?;
         let recording = Recording::replay(subject, seed, mode, &actions)
             .with_context(|| format!("failed to replay episode {episode_idx}"))?;
-        Ok(ReplayedEpisode { title: format!("{policy}: {}", subject.title()), recording })
+        Ok(ReplayedEpisode { title: format!("{policy}: {}", subject.title()), recording, images })
     }
 }
 
@@ -57,6 +58,8 @@ impl EpisodeSource {
 pub(crate) struct ReplayedEpisode {
     pub(crate) title: String,
     pub(crate) recording: Recording,
+    /// Sizes of the images that the policy saw.
+    pub(crate) images: ImageSizes,
 }
 
 /// Options of a movie of replayed episodes.
@@ -81,18 +84,20 @@ pub(crate) fn write_movie(
 ) -> anyhow::Result<ExitStatus> {
     let &MovieOptions { grid, scale, samples, stride } = options;
     let format = MovieFormat::from_path(path)?;
-    let scenes: Vec<HighResScene> =
-        episodes.par_iter().map(|episode| HighResScene::new(episode.recording.scene(), scale)).collect();
+    let prepare = |ReplayedEpisode { recording, images, .. }: &ReplayedEpisode| {
+        RenderScene::new(recording.scene(), scaled(*images, scale))
+    };
+    let scenes: Vec<RenderScene> = episodes.par_iter().map(prepare).collect();
     let n_steps = episodes.iter().map(|episode| episode.recording.n_frames()).max().unwrap_or(0);
     let options = CpuOptions { samples, ..CpuOptions::default() };
     let mut renderer = CpuRenderer::with_options(rayon::current_num_threads(), options);
-    let mut panel = |episode: &ReplayedEpisode, scene: &HighResScene, step: usize| {
-        let ReplayedEpisode { title, recording } = episode;
+    let mut panel = |episode: &ReplayedEpisode, scene: &RenderScene, step: usize| {
+        let ReplayedEpisode { title, recording, .. } = episode;
         let step = step.min(recording.n_frames());
         let snapshot = recording.snapshot(step);
         let images = match grid {
-            Some(_) => vec![scene.render_camera(&mut renderer, snapshot, 0)],
-            None => scene.render_cameras(&mut renderer, snapshot),
+            Some(_) => renderer.render_camera_range(scene, snapshot, 0..1),
+            None => renderer.render_cameras(scene, snapshot),
         };
         Panel { caption: format!("{title}\n{}", recording.outcome().after(step as u32)), images }
     };

@@ -110,12 +110,21 @@ pub(crate) fn parse_task(typed: &str) -> Result<TaskId, UnknownName> {
     pick("task", typed, TaskId::ALL, TaskId::name)
 }
 
-/// Parses the name of a perturbation, or of several joined by `+`.
+/// Parses the name of a perturbation, or of several joined by `+`, in our spelling or the benchmark's, such
+/// as `MO_COLOR`.
 ///
 /// # Errors
 /// If a name is unknown or the perturbations cannot act together.
 pub(crate) fn parse_perturbation(typed: &str) -> Result<Composition, PerturbationError> {
-    let one = |name| pick("perturbation", name, Perturbation::ALL, Perturbation::name);
+    let one = |name: &str| {
+        let known = if name.eq_ignore_ascii_case("distractor_object") {
+            Perturbation::DistractorObjects.name().to_owned()
+        } else {
+            name.replace('_', "-")
+        };
+        let picked = pick("perturbation", &known, Perturbation::ALL, Perturbation::name);
+        picked.or_else(|_| pick("perturbation", name, Perturbation::ALL, Perturbation::name))
+    };
     let parts = Composition::split(typed).map(one).collect::<Result<Vec<_>, _>>()?;
     Ok(Composition::new(&parts)?)
 }

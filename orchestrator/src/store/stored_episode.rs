@@ -1,7 +1,7 @@
 //! Episodes stored with their actions, in a dataset or in a results file: all that a replay needs except the
 //! actions.
 
-use ipc_types::ControlMode;
+use ipc_types::{ControlMode, ImageSizes};
 use sim::show::EpisodeSpec;
 
 /// A stored episode.
@@ -16,6 +16,8 @@ pub(crate) struct StoredEpisode {
     pub(crate) seed: u64,
     /// Control mode of the action rows.
     pub(crate) mode: ControlMode,
+    /// Sizes of the images.
+    pub(crate) images: ImageSizes,
     /// Number of control steps.
     pub(crate) n_steps: u32,
     /// Fingerprint of the trajectory, as [`format_fingerprint`] writes it.

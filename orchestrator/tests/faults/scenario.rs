@@ -232,7 +232,7 @@ fn config(seed: u64, drivers: &[DriverChoice], draw: &mut FaultInjector) -> Flee
         let spec =
             LaneSpec { lane, policy: format!("p{lane}"), max_envs: envs, block_pages: 1, in_flight: 2 };
         let answer_timeout_s = draw.number(1, 3) as u32;
-        let lane = Lane { spec, images: false, foreign, answer_timeout_s, execute: 1 };
+        let lane = Lane { spec, images: None, foreign, answer_timeout_s, execute: 1 };
         let spec = if foreign { PolicySpec::Attach("other".to_owned()) } else { PolicySpec::Idle };
         lanes.push(PolicyLane { spec, execution: Execution::chunk(1), checkpoint: None, lane });
     }

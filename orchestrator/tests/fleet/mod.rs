@@ -54,7 +54,7 @@ impl TestFleet {
             checkpoint: None,
             lane: Lane {
                 spec: lane,
-                images: false,
+                images: None,
                 foreign,
                 answer_timeout_s: Lane::ANSWER_TIMEOUT_S,
                 execute: 1,

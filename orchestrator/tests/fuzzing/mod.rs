@@ -81,7 +81,16 @@ fn sweep_file(args: &SweepArgs) -> String {
         ("margin".to_owned(), text(margin)),
         ("alpha".to_owned(), text(alpha)),
     ]);
-    let Value::Object(groups) = serde_json::json!(config) else { unreachable!("a struct becomes an object") };
+    let object = |value| match value {
+        Value::Object(object) => object,
+        _ => unreachable!("a struct becomes an object"),
+    };
+    let mut groups = object(serde_json::json!(config));
+    // It results from options of the same names.
+    let resolved = object(serde_json::json!(config.results.protocol));
+    groups["results"].as_object_mut().into_iter().for_each(|results| {
+        results.retain(|key, _| !resolved.contains_key(key));
+    });
     for (key, value) in groups.into_iter().filter_map(|(_, group)| group.as_object().cloned()).flatten() {
         let value = match value {
             Value::Null => continue,

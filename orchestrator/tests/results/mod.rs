@@ -104,7 +104,7 @@ fn columns_and_manifest_keys_are_stable() {
         .query_row("SELECT group_concat(key || ' = ' || value, '; ') FROM manifest", [], |row| row.get(0))
         .unwrap();
     let manifest = manifest.replace(crate::store::build_identity::CODE, "CODE");
-    insta::assert_snapshot!(manifest, @r#"code = "CODE"; control_mode = "pd_ee_delta_pose"; language = null; latency = 0; policy/idle = {"checkpoint":null,"execution":{"execute":30,"mode":"chunk"},"spec":"idle"}; profile = "strict"; seed = 0; strength = 1.0; version = "0.1.0""#);
+    insta::assert_snapshot!(manifest, @r#"code = "CODE"; control_mode = "pd_ee_delta_pose"; end = "horizon"; image_size = "224x224,wrist=128x128"; instructions = "act"; language = null; latency = 0; policy/idle = {"checkpoint":null,"execution":{"execute":30,"mode":"chunk"},"spec":"idle"}; profile = "strict"; protocol = "act"; seed = 0; strength = 1.0; version = "0.1.0""#);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use run_config::{Execution, QueryOptions};
 use thiserror::Error;
 
 use super::error::CheckpointError;
-use crate::policy::PolicyCheck;
+use super::mapping::ObservationMapping;
 use crate::policy::execution::{ChunkSettings, TooManyRowsError};
 use crate::weights::{CONFIG_FILE, INDEX_FILE, MODEL_FILE};
 
@@ -210,11 +210,21 @@ pub(crate) fn build_networks<C, N, E: From<CheckpointFolderError>>(
     Ok(networks)
 }
 
+/// Facts about a policy that are known before it is loaded.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PolicyCheck {
+    /// Use of its chunks, if the policy has a checkpoint.
+    pub execution: Option<Execution>,
+    /// Inputs of its networks, one per robot of the run.
+    pub mappings: Vec<ObservationMapping>,
+    /// Sentences for the user about settings of the checkpoint.
+    pub notes: Vec<String>,
+}
+
 /// Contents of the checkpoint for one robot that matter before it is loaded.
 #[derive(Debug)]
 pub(crate) struct NetworkCheck {
-    pub(crate) morphology: Morphology,
-    pub(crate) control_mode: ControlMode,
+    pub(crate) mapping: ObservationMapping,
     pub(crate) chunk: ChunkSettings,
     /// Sentences for the user.
     pub(crate) notes: Vec<String>,
@@ -229,23 +239,24 @@ pub(crate) fn check_networks(
     requested: QueryOptions,
 ) -> Result<PolicyCheck, CheckpointFolderError> {
     check_robots(folder, &networks, robots)?;
-    let mut executions = Vec::new();
-    let mut notes = Vec::new();
-    let is_used = |network: &NetworkCheck| robots.iter().any(|(robot, _)| *robot == network.morphology);
+    let (mut executions, mut mappings, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+    let is_used =
+        |network: &NetworkCheck| robots.iter().any(|(robot, _)| *robot == network.mapping.morphology);
     for network in networks.into_iter().filter(is_used) {
         let (execution, note) = network
             .chunk
             .resolve(requested)
             .map_err(|source| CheckpointFolderError::Rows { folder: folder.to_owned(), source })?;
-        let robot = network.morphology.name();
+        let robot = network.mapping.morphology.name();
         notes.extend(std::iter::once(note).chain(network.notes).map(|note| format!("{robot}: {note}")));
         executions.push(execution);
+        mappings.push(network.mapping);
     }
     let longest = executions.iter().copied().max_by_key(|execution| execution.execute);
     // A shorter chunk is used up sooner, which the sim notices.
     let agrees = |execution: &Execution| Some(*execution) == longest || requested.execute.is_some();
     if executions.iter().all(agrees) {
-        Ok(PolicyCheck { execution: longest, notes })
+        Ok(PolicyCheck { execution: longest, mappings, notes })
     } else {
         Err(CheckpointFolderError::Execution { folder: folder.to_owned(), notes })
     }
@@ -257,12 +268,12 @@ fn check_robots(
     robots: &[(Morphology, ControlMode)],
 ) -> Result<(), CheckpointFolderError> {
     for &(morphology, control_mode) in robots {
-        let Some(network) = networks.iter().find(|network| network.morphology == morphology) else {
-            let found: Vec<_> = networks.iter().map(|network| network.morphology.name()).collect();
+        let Some(network) = networks.iter().find(|network| network.mapping.morphology == morphology) else {
+            let found: Vec<_> = networks.iter().map(|network| network.mapping.morphology.name()).collect();
             let (folder, found) = (folder.to_owned(), found.join(", "));
             return Err(CheckpointFolderError::Morphology { folder, found, expected: morphology.name() });
         };
-        let (expected, found) = (control_mode.name(), network.control_mode.name());
+        let (expected, found) = (control_mode.name(), network.mapping.control_mode.name());
         if expected != found {
             let (folder, robot) = (folder.to_owned(), morphology.name());
             return Err(CheckpointFolderError::ControlMode { folder, robot, expected, found });

@@ -7,6 +7,7 @@
 //! {
 //!   "morphology": "single",
 //!   "control_mode": "pd_ee_delta_pose",
+//!   "protocol": "act",
 //!   "mapping": {
 //!     "observation.images.front": "external1_camera",
 //!     "observation.state": ["qpos", "tcp_pose"],
@@ -30,8 +31,8 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-use ipc_types::{ControlMode, Morphology, ObservationView};
-use run_config::input;
+use ipc_types::{ControlMode, ImageSize, ImageSizes, Morphology, ObservationView};
+use run_config::{Protocol, ProtocolName, input};
 use serde::Deserialize;
 
 use super::error::CheckpointError;
@@ -57,6 +58,10 @@ pub struct ObservationMapping {
     pub cameras: Vec<usize>,
     /// Ranges of the robot's state vector whose concatenation is the network's state input.
     pub state: Vec<Range<usize>>,
+    /// Size of each camera's images in training; empty if the checkpoint does not state it.
+    pub trained_sizes: Vec<ImageSize>,
+    /// Evaluation protocol that the mapping file names, or whose images all cameras had in training.
+    pub protocol: Option<ProtocolName>,
 }
 
 /// Contents of the mapping file.
@@ -65,6 +70,7 @@ pub struct ObservationMapping {
 pub(crate) struct Sidecar {
     pub(crate) morphology: Option<Morphology>,
     pub(crate) control_mode: Option<ControlMode>,
+    pub(crate) protocol: Option<ProtocolName>,
     pub(crate) mapping: BTreeMap<String, FeatureSource>,
     pub(crate) language: Option<LanguageConfig>,
     /// π0.5: heads of the vision tower, if they are not SigLIP So400m's.
@@ -90,7 +96,7 @@ pub enum PromptState {
     #[default]
     Unpadded,
     /// One number per entry of the network's state, which is padded with zeros to `max_state_dim`, as in
-    /// LeRobot before 0.5.
+    /// LeRobot before 0.5, which also scaled the bars beside an image twice.
     Padded,
 }
 
@@ -190,7 +196,15 @@ pub(crate) fn map_features(
     if let Some((name, _)) = unknown {
         return Err(with_both_sides(format!("{MAPPING_FILE} maps `{name}`, which is not an input")));
     }
-    let mut mapping = ObservationMapping { morphology, control_mode, cameras: Vec::new(), state: Vec::new() };
+    let mut mapping = ObservationMapping {
+        morphology,
+        control_mode,
+        cameras: Vec::new(),
+        state: Vec::new(),
+        trained_sizes: inputs.iter().filter_map(InputFeature::image_size).collect(),
+        protocol: None,
+    };
+    mapping.protocol = sidecar.protocol.or_else(|| protocol_of(&mapping.trained_sizes));
     for input in inputs {
         let source = sidecar.mapping.get(&input.name);
         let mapped = match input.kind {
@@ -204,6 +218,13 @@ pub(crate) fn map_features(
         mapped.map_err(with_both_sides)?;
     }
     Ok(mapping)
+}
+
+/// Returns the protocol all of whose images have these sizes, if that can only be one of them.
+fn protocol_of(sizes: &[ImageSize]) -> Option<ProtocolName> {
+    let lerobot = Protocol::from(ProtocolName::Lerobot).image_size.external;
+    let is_lerobot = !sizes.is_empty() && sizes.iter().all(|size| *size == lerobot);
+    is_lerobot.then_some(ProtocolName::Lerobot)
 }
 
 fn robot(action_dim: usize, sidecar: &Sidecar) -> Result<(Morphology, ControlMode), String> {
@@ -344,13 +365,33 @@ fn both_sides(inputs: &[InputFeature], morphology: Morphology) -> String {
 }
 
 impl ObservationMapping {
+    /// Returns a sentence about the cameras whose images had another shape in training than the `given` ones,
+    /// or more pixels. Larger ones of the same shape are reduced to what the network was trained on.
+    #[must_use]
+    pub fn image_differences(&self, given: ImageSizes) -> Option<String> {
+        let names = self.morphology.camera_names();
+        let differs = self.cameras.iter().zip(&self.trained_sizes).filter_map(|(camera, trained)| {
+            let given = given.of_camera(self.morphology, *camera);
+            let is_stretched = given.width * trained.height != given.height * trained.width;
+            (is_stretched || given.width < trained.width)
+                .then(|| format!("{} {given} instead of {trained}", names[*camera]))
+        });
+        let differs: Vec<_> = differs.collect();
+        (!differs.is_empty()).then(|| {
+            format!(
+                "sees images of other sizes than in training, resized: {}; --image-size or --protocol chooses others",
+                differs.join(", ")
+            )
+        })
+    }
+
     /// Checks that an observation has what the network needs.
     ///
     /// # Errors
     /// The first thing that is missing or differs.
     pub(crate) fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
         let Self { morphology, control_mode, cameras, .. } = self;
-        if !cameras.is_empty() && !observation.has_images() {
+        if !cameras.is_empty() && observation.image_sizes().is_none() {
             return Err(PolicyError::NoImages);
         }
         if observation.control_mode() != *control_mode {

@@ -15,5 +15,5 @@ pub(crate) mod settings;
 mod error;
 
 pub use self::error::CheckpointError;
-pub use self::folder::{CheckpointFolderError, resolve};
+pub use self::folder::{CheckpointFolderError, PolicyCheck, resolve};
 pub use self::mapping::ObservationMapping;

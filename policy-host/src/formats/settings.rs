@@ -97,6 +97,11 @@ impl Settings {
         Ok(settings.collect())
     }
 
+    /// Returns `true` if there is a setting with this key.
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.entries.iter().any(|(name, _)| name == key)
+    }
+
     /// Takes a switch that must be off.
     pub(crate) fn refuse_switch(&mut self, key: &str, expected: &str) -> Result<(), CheckpointError> {
         match self.take::<Flag>(key)? {

@@ -3,17 +3,17 @@
 use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 
-use ipc_types::{ControlMode, Morphology};
+use ipc_types::{ControlMode, ImageSizes, Morphology};
 use run_config::QueryOptions;
 use serde::{Deserialize, Serialize};
 
 #[cfg(feature = "gpu")]
 use super::LoadGpuError;
-use crate::formats::CheckpointFolderError;
+use crate::formats::{CheckpointFolderError, PolicyCheck};
 use crate::nn::Precision;
 #[cfg(feature = "gpu")]
 use crate::nn::gpu::GpuDevice;
-use crate::policy::{Policy, PolicyCheck};
+use crate::policy::Policy;
 
 /// A checkpoint as a user names it: its folder, and options.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -58,11 +58,11 @@ pub(crate) type CheckFn = fn(
 pub(crate) type LongPromptsFn =
     fn(&Path, &[(Morphology, String)]) -> Result<Vec<String>, CheckpointFolderError>;
 
-/// Loads the networks for some robots, for up to a number of threads.
+/// Loads the networks for some robots, for up to a number of threads and images of some sizes.
 pub(crate) type LoadFn =
-    fn(&NetworkSource, usize, &[Morphology]) -> Result<Box<dyn Policy>, CheckpointFolderError>;
+    fn(&NetworkSource, usize, &[Morphology], ImageSizes) -> Result<Box<dyn Policy>, CheckpointFolderError>;
 
-/// Loads the networks for some robots onto a device.
+/// Loads the networks for some robots onto a device, for images of some sizes.
 #[cfg(feature = "gpu")]
 pub(crate) type LoadOnGpuFn =
-    fn(&NetworkSource, GpuDevice, &[Morphology]) -> Result<Box<dyn Policy>, LoadGpuError>;
+    fn(&NetworkSource, GpuDevice, &[Morphology], ImageSizes) -> Result<Box<dyn Policy>, LoadGpuError>;

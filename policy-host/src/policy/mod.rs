@@ -7,7 +7,6 @@ pub mod execution;
 use bytemuck::Zeroable;
 use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};
 use ipc_types::{ActionBlock, EnvRecord, Morphology, ObservationView};
-use run_config::Execution;
 use thiserror::Error;
 
 /// Default decay `m` of a temporal ensemble's weights, as in the benchmark ([`crate::policy::ensemble`]).
@@ -115,15 +114,6 @@ pub trait PolicyPipeline {
     /// # Panics
     /// If no batch was submitted.
     fn discard(&mut self) -> Result<(), PolicyError>;
-}
-
-/// Facts about a policy that are known before it is loaded.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct PolicyCheck {
-    /// Use of its chunks, if the policy has a checkpoint.
-    pub execution: Option<Execution>,
-    /// Sentences for the user about settings of the checkpoint.
-    pub notes: Vec<String>,
 }
 
 /// Errors that can occur while a policy acts on an observation.

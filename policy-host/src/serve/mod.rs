@@ -86,8 +86,10 @@ pub fn serve_with(
     let pool = pool.map_err(|source| ServeError::Threads { threads, source })?;
     let started = Instant::now();
     let (device, mode) = ((&config.run).into(), config.execution.mode);
+    let images = config.run.results.protocol.image_size;
     let guard = CheckpointGuard::new(&config)?;
-    let loaded = pool.install(|| load_on(&config.spec, device, threads, mode, &config.morphologies));
+    let loaded =
+        pool.install(|| load_on(&config.spec, device, threads, mode, (&config.morphologies, images)));
     // First, since files that change meanwhile may also be the reason why they cannot be loaded.
     guard.as_ref().map_or(Ok(()), CheckpointGuard::check_loaded)?;
     let mut policy = loaded?;

@@ -3,8 +3,9 @@
 
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
-use ipc_types::layout::{EXTERNAL_BYTES, HAND_SIDE, block_pages};
-use ipc_types::{ActionBlock, EnvRecord, Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH};
+use ipc_types::{
+    ActionBlock, EnvRecord, ImageSizes, Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH,
+};
 use policy_host::generated::{fnv1a64, sym, unit};
 use policy_host::{ActionChunk, Policy};
 
@@ -22,22 +23,21 @@ pub(crate) struct ObservationBatch {
 impl ObservationBatch {
     /// Creates the observations of these envs. Env `n` has the same observation in every batch.
     pub(crate) fn of(morphology: Morphology, envs: &[u32]) -> Self {
-        let block_len = block_pages(morphology, true);
-        let mut pages = vec![Page::zeroed(); block_len * envs.len()];
-        for (&env, block) in envs.iter().zip(pages.chunks_exact_mut(block_len)) {
-            fill(morphology, env, EnvBlockMut::new(morphology, block));
-        }
+        let images = Some(ImageSizes::BENCHMARK);
         let header = ObservationHeader {
             schema_hash: SCHEMA_HASH,
             run: 1,
             sequence: 1,
             n_envs: envs.len() as u32,
-            block_pages: block_len as u32,
-            morphology: morphology.code(),
             control_mode: morphology.default_control_mode().code(),
-            images: 1,
             ..ObservationHeader::zeroed()
-        };
+        }
+        .with_images(morphology, images);
+        let block_len = header.block_pages as usize;
+        let mut pages = vec![Page::zeroed(); block_len * envs.len()];
+        for (&env, block) in envs.iter().zip(pages.chunks_exact_mut(block_len)) {
+            fill(morphology, env, EnvBlockMut::new(morphology, images, block));
+        }
         Self { header, pages }
     }
 
@@ -71,12 +71,12 @@ fn fill(morphology: Morphology, env: u32, block: EnvBlockMut<'_>) {
     let stream = |part: &str| fnv1a64(&format!("in.{env}.{part}"));
     let byte = |stream, idx| (256.0 * unit(stream, idx)) as u8;
     let external = stream("external");
-    assert_eq!(block.external.len(), 2 * EXTERNAL_BYTES);
+    let hand_side = ImageSizes::BENCHMARK.hand.width;
     block.external.iter_mut().enumerate().for_each(|(idx, x)| *x = byte(external, idx));
-    let (hand, blocks_per_row) = (stream("hand"), HAND_SIDE / HAND_BLOCK);
+    let (hand, blocks_per_row) = (stream("hand"), hand_side / HAND_BLOCK);
     for (idx, x) in block.hand.iter_mut().enumerate() {
         let (channel, col, row, map) =
-            (idx % 3, idx / 3 % HAND_SIDE, idx / 3 / HAND_SIDE % HAND_SIDE, idx / 3 / HAND_SIDE / HAND_SIDE);
+            (idx % 3, idx / 3 % hand_side, idx / 3 / hand_side % hand_side, idx / 3 / hand_side / hand_side);
         let row = map * blocks_per_row + row / HAND_BLOCK;
         *x = byte(hand, (row * blocks_per_row + col / HAND_BLOCK) * 3 + channel);
     }

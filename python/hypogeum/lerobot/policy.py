@@ -17,7 +17,7 @@ from .checkpoint import load_policy, read_config
 from .kinds import BATCHABLE, FLOW, HISTORY, check_memory
 from .processors import Processors
 from .sampling import sample
-from .settings import announce_differences, check_settings, chunk_settings, pad_prompt, plan_execution, read_features
+from .settings import announce_differences, announce_sizes, check_settings, chunk_settings, pad_prompt, plan_execution, read_features
 
 log = logging.getLogger("hypogeum")
 
@@ -51,9 +51,13 @@ class LeRobotPolicy:
             processors.take_rename_map(), processors.hashed_features(),
         )  # fmt: skip
         processors.check_statistics(config, self.mapping.inputs())
-        if config.type == "pi05":
-            pad_prompt(processors.preprocess, config, settings)
+        is_padded = config.type == "pi05" and pad_prompt(processors.preprocess, config, settings, folder)
         self.policy = load_policy(folder, config)
+        if is_padded:
+            # Imported here, because the module needs LeRobot's π0.5.
+            from ..pi05 import scale_bars_twice
+
+            scale_bars_twice(self.policy)
         self.preprocess, self.postprocess = processors.preprocess, processors.postprocess
         self.device = torch.device(device)
         self.is_batched = batch
@@ -83,6 +87,8 @@ class LeRobotPolicy:
             )
         if mapping.images and not run.images:
             raise RunRefused("the checkpoint needs images, but the run renders none")
+        if mapping.images:
+            announce_sizes(mapping, run.images)
         settings = chunk_settings(self.config)
         if self.memory is None:
             self.n_rows, note = settings.resolve(run)

@@ -1,11 +1,14 @@
 """Settings of a checkpoint that this host honours in its own way, refuses or announces."""
 
+import json
 import logging
+from pathlib import Path
 
 from lerobot import processor
 
 from ..execution import ENSEMBLE, ChunkSettings, Execution, Requested, RunRefused
-from ..mapping import FILE, PROMPT_STATES, Feature, MappingError
+from ..layout import MORPHOLOGIES
+from ..mapping import FILE, Feature, MappingError
 from .kinds import READS_ENVIRONMENT_STATE, SHORT_CHUNKS
 
 # Keys of `hypogeum.json` that apply to some policy types only.
@@ -37,23 +40,62 @@ def read_features(config):
     return features
 
 
-def pad_prompt(preprocess, config, settings):
-    """Write π0.5's prompt by the convention that `hypogeum.json` names, and say which one that is."""
+def pad_prompt(preprocess, config, settings, folder):
+    """Write π0.5's prompt by the convention of the checkpoint, and say which one that is. Return whether it is padded.
+
+    It is the one that `hypogeum.json` names, or that of the version of LeRobot that wrote the folder: before 0.5, the
+    state was padded and letterbox bars had the value -3.
+    """
     from .. import pi05
 
-    convention = settings.get("prompt_state", PROMPT_STATES[0])
-    log.info("π0.5 with the state %s in the prompt", convention)
-    if convention == "padded":
+    convention, evidence = settings.get("prompt_state"), FILE
+    if convention is None:
+        convention, evidence = written_convention(Path(folder))
+    log.info("π0.5 with the state %s in the prompt, because of %s", convention, evidence)
+    is_padded = convention == "padded"
+    if is_padded:
         pi05.pad_prompt(preprocess, config.max_state_dim)
+    return is_padded
+
+
+def written_convention(folder):
+    """Return the convention of the LeRobot that wrote a folder, and the evidence for it."""
+
+    def keys(name):
+        path = folder / name
+        return json.loads(path.read_text()).keys() if path.is_file() else None
+
+    if "use_relative_actions" in keys("config.json"):
+        return "unpadded", "`use_relative_actions` in config.json"
+    training = keys("train_config.json")
+    if training is None:
+        return "padded", "config.json, which has no `use_relative_actions`"
+    if "cudnn_deterministic" in training:
+        return "unpadded", "`cudnn_deterministic` in train_config.json"
+    return "padded", "train_config.json, which has no `cudnn_deterministic`"
+
+
+def announce_sizes(mapping, sizes):
+    """Log the cameras whose images had another shape in training, or more pixels.
+
+    `sizes` are those of a run, (width, height). Larger images of the same shape are reduced to what the network was
+    trained on.
+    """
+    cameras = MORPHOLOGIES[mapping.morphology].cameras
+    different = []
+    for camera, height, width in mapping.images.values():
+        own_width, own_height = sizes[cameras.index(camera) >= MORPHOLOGIES[mapping.morphology].n_external_cameras]
+        if own_width * height != own_height * width or own_width < width:
+            different.append(f"{camera} {own_width}x{own_height} instead of {width}x{height}")
+    if different:
+        log.warning(
+            "sees images of other sizes than in training, resized: %s; --image-size or --protocol of the run chooses others",
+            ", ".join(different),
+        )
 
 
 def announce_differences(policy):
     """Log what a `LeRobotPolicy` receives or does otherwise than in training or in LeRobot's own loop."""
-    ways = ("is square and stretched to that size", "is square, so that it has no bars")
-    for name, (camera, height, width) in policy.mapping.images.items():
-        if height != width:
-            way = ways[policy.resizes_images]
-            log.warning("%s had %d x %d pixels in training; %s %s", name, width, height, camera, way)
     # LeRobot has this step since 0.5.1.
     absolute = getattr(processor, "AbsoluteActionsProcessorStep", ())
     if any(isinstance(step, absolute) and step.enabled for step in policy.postprocess.steps):

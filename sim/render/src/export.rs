@@ -1,6 +1,7 @@
 //! Scenes as plain data, so that other renderers can be given the same geometry, materials, lights and
 //! cameras.
 
+use ipc_types::ImageSize;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 
 use super::math::affine::{Affine3, Vec3, normalised};
@@ -58,13 +59,13 @@ pub struct ExportedTexture {
     pub rgb: Vec<u8>,
 }
 
-/// A pinhole camera with a square image.
+/// A pinhole camera with square pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct ExportedCamera {
-    /// Pixels along each edge.
-    pub side: usize,
-    /// Field of view in rad, the same along both axes.
-    pub fov_rad: f32,
+    /// Size of its image.
+    pub size: ImageSize,
+    /// Vertical field of view in rad.
+    pub fov_y_rad: f32,
     /// Depths of the near and far clipping planes, in m.
     pub clip_m: [f32; 2],
 }
@@ -92,8 +93,8 @@ impl RenderScene {
     #[must_use]
     pub fn export(&self) -> ExportedScene {
         let cameras = self.cameras.iter().map(|camera| ExportedCamera {
-            side: camera.side,
-            fov_rad: 2.0 * libm::atanf(camera.side as f32 / 2.0 / camera.focal_px),
+            size: camera.size,
+            fov_y_rad: 2.0 * libm::atanf(camera.slopes()[1]),
             clip_m: camera.clip_m,
         });
         let lights = self.suns.iter().map(|sun| ExportedLight { towards: sun.towards, color: sun.color });

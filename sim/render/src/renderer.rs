@@ -14,8 +14,8 @@ pub struct View<'a> {
     pub snapshot: &'a Snapshot,
     /// Index of the camera in the scene.
     pub camera_idx: usize,
-    /// The image, `[side, side, 3] u8` sRGB, row-major from the top. Every byte is written exactly once and
-    /// never read.
+    /// The image, `[height, width, 3] u8` sRGB, row-major from the top. Every byte is written exactly once
+    /// and never read.
     pub out: &'a mut [u8],
 }
 
@@ -60,8 +60,8 @@ impl View<'_> {
 
     /// Asserts that camera, image size and snapshot match the scene.
     pub(crate) fn check(&self) {
-        let side = self.scene.side(self.camera_idx);
-        assert_eq!(self.out.len(), side * side * 3, "the image of a view must have [side, side, 3] bytes");
+        let size = self.scene.size(self.camera_idx);
+        assert_eq!(self.out.len(), size.n_bytes(), "the image of a view must have {size} px");
         assert!(self.scene.fits(self.snapshot), "a snapshot must have the bodies and arms of its scene");
     }
 }

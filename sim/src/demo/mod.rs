@@ -147,12 +147,6 @@ impl Recording {
         &self.states
     }
 
-    /// Returns the language instruction.
-    #[must_use]
-    pub fn instruction(&self) -> &str {
-        &self.scene.instruction
-    }
-
     /// Returns `true` if all success predicates held after the last step.
     #[must_use]
     pub fn success_at_end(&self) -> bool {

@@ -2,10 +2,10 @@
 
 use core::f64::consts::{FRAC_1_SQRT_2, PI};
 
+use super::language::Language;
 use super::{Modality, Perturbation, Strength};
 use crate::task::Task;
 use crate::task::profile::{Profile, ProfileRules};
-use crate::tasks::TaskId;
 use scene::{
     AppearanceSpec, BodySpec, CameraMount, CameraSpec, InstructionSource, Jitter, LightsSpec, Range,
     RegionSpec, Role, ScaledBy, SceneSpec,
@@ -53,14 +53,14 @@ impl Perturbation {
                     replace_instruction(InstructionSource::Paraphrase(paraphrases));
             }
             Self::LanguageNone => {
-                spec.instruction.replacement = replace_instruction(InstructionSource::OneOf(vec![""]));
+                spec.instruction.replacement = replace_instruction(InstructionSource::Empty);
             }
             Self::LanguageRandom => {
                 spec.instruction.replacement = replace_instruction(InstructionSource::RandomWords);
             }
             Self::LanguageOtherTask => {
-                let others = instructions_of_other_tasks(task);
-                spec.instruction.replacement = replace_instruction(InstructionSource::OneOf(others));
+                let others = Language::default().sentences_of_other_tasks(task);
+                spec.instruction.replacement = replace_instruction(InstructionSource::OtherTask(others));
             }
             Self::All => {
                 let included = Self::ALL.iter().filter(|part| part.is_included_in_all());
@@ -142,16 +142,4 @@ fn widen(region: &mut RegionSpec, strength: f64) {
         region.shared_offset =
             [0, 1].map(|axis| widened.shared_offset[axis].blended_from(region.shared_offset[axis], strength));
     }
-}
-
-/// Returns the distinct training instructions of the other tasks of the same morphology.
-fn instructions_of_other_tasks(task: &Task) -> Vec<&'static str> {
-    let mut instructions = Vec::new();
-    for other in TaskId::ALL.iter().map(|id| id.task()) {
-        let is_new = other.instruction != task.instruction && !instructions.contains(&other.instruction);
-        if other.morphology == task.morphology && is_new {
-            instructions.push(other.instruction);
-        }
-    }
-    instructions
 }

@@ -5,10 +5,10 @@
 
 mod apply;
 mod composition;
+mod language;
 mod perturbation;
-mod sentences;
 
 pub use composition::{Composition, CompositionError};
+pub use language::{Language, SentencesError};
 pub use perturbation::{Modality, NotApplicable, Perturbation};
 pub use run_config::{Strength, StrengthError};
-pub use sentences::{Sentences, SentencesError};

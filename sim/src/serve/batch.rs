@@ -3,9 +3,9 @@
 
 use std::time::Instant;
 
-use ipc_types::Morphology;
 use ipc_types::frame::EnvBlockMut;
-use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, Page};
+use ipc_types::layout::Page;
+use ipc_types::{ImageSizes, Morphology};
 use run_config::trace::{self, Activity, CpuTime};
 
 use super::envs::{Envs, LaneTally};
@@ -44,7 +44,7 @@ impl BatchWriter {
         &mut self,
         envs: &mut Envs,
         batch: &[u32],
-        morphology: Morphology,
+        (morphology, sizes): (Morphology, Option<ImageSizes>),
         pages: &mut [Page],
     ) -> Result<RenderCost, RenderError> {
         for slot in batch {
@@ -54,12 +54,8 @@ impl BatchWriter {
         let block_pages = pages.len() / batch.len();
         for (slot, block) in batch.iter().zip(pages.chunks_exact_mut(block_pages)) {
             let episode = envs.episode(*slot).expect("a ready env runs an episode");
-            let block = EnvBlockMut::new(morphology, block);
             let Some(scene) = &episode.view else { continue };
-            let images = block
-                .external
-                .chunks_exact_mut(EXTERNAL_BYTES)
-                .chain(block.hand.chunks_exact_mut(HAND_BYTES));
+            let images = EnvBlockMut::new(morphology, sizes, block).images();
             views.extend(images.enumerate().map(|(camera_idx, out)| View {
                 scene,
                 snapshot: &episode.snapshot,
@@ -81,7 +77,7 @@ impl BatchWriter {
         // Records come last: a checksum covers what is written from here on, and rendering takes its time.
         for (slot, block) in batch.iter().zip(pages.chunks_exact_mut(block_pages)) {
             let episode = envs.episode_mut(*slot).expect("a ready env runs an episode");
-            episode.write_record(*slot, EnvBlockMut::new(morphology, block).record);
+            episode.write_record(*slot, EnvBlockMut::new(morphology, sizes, block).record);
             episode.add_render_time(core_s / batch.len() as f64);
         }
         Ok(RenderCost { images: images as u64, core_s, device_s })

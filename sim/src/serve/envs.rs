@@ -9,7 +9,7 @@ use run_config::trace::{self, Activity};
 
 use super::episode::{RunningEpisode, Status};
 use super::protocol::{Assignment, Driver, Lane, Outcome, SimConfig};
-use crate::perturb::Sentences;
+use crate::perturb::Language;
 
 /// Control steps that an env executes before the loop serves the lanes again. It affects only the order of
 /// work, never a result.
@@ -58,14 +58,13 @@ pub(crate) struct Envs {
     /// Ids of all episodes in queues and envs.
     held: HashSet<u64>,
     run: RunConfig,
-    /// Paraphrases that replace the built-in ones.
-    sentences: Option<Sentences>,
+    language: Language,
     lanes: Vec<Lane>,
 }
 
 impl Envs {
     /// Creates empty envs.
-    pub(crate) fn new(config: &SimConfig, sentences: Option<Sentences>) -> Self {
+    pub(crate) fn new(config: &SimConfig, language: Language) -> Self {
         Self {
             envs: (0..config.max_envs).map(|_| Env::Empty).collect(),
             limit: config.envs,
@@ -73,7 +72,7 @@ impl Envs {
             n_used: vec![0; config.lanes.len() + 1],
             held: HashSet::new(),
             run: config.run.clone(),
-            sentences,
+            language,
             lanes: config.lanes.clone(),
         }
     }
@@ -241,13 +240,13 @@ impl Envs {
     /// no other env goes on with its own until all have finished, instead of waiting for them. Returns the
     /// number of control steps executed.
     pub(crate) fn advance(&mut self) -> u64 {
-        let (lanes, run, sentences) = (&self.lanes, &self.run, self.sentences.as_ref());
+        let (lanes, run, language) = (&self.lanes, &self.run, &self.language);
         let (unstarted, unfinished) = (AtomicUsize::new(self.envs.len()), AtomicUsize::new(self.envs.len()));
         let advance_env = |env: &mut Env| {
             unstarted.fetch_sub(1, Ordering::Relaxed);
             if let Env::Assigned(assignment) = env {
                 let building = trace::span(Activity::Build);
-                let episode = RunningEpisode::new(*assignment, lanes, run, sentences);
+                let episode = RunningEpisode::new(*assignment, lanes, run, language);
                 building.finish(1);
                 *env = Env::Running(Box::new(episode));
             }

@@ -4,14 +4,14 @@ use std::time::Instant;
 
 use ipc_types::layout::MAX_ACTION_DIM;
 use ipc_types::{ActionBlock, ControlMode, EnvRecord, FrameError, Morphology};
-use run_config::{ResultOptions, RunConfig, error_chain};
+use run_config::{EpisodeEnd, ResultOptions, RunConfig, error_chain};
 use thiserror::Error;
 
 use super::chunk::ChunkBuffer;
 use super::lane::InvalidAnswerError;
 use super::protocol::{Assignment, Driver, EpisodeLedger, Lane, Outcome};
 use crate::expert::{self, Expert, write_hold_action};
-use crate::perturb::Sentences;
+use crate::perturb::Language;
 use crate::physics::World;
 use crate::physics::fingerprint::Fingerprint;
 use crate::predicate::{Predicate, first_unmet};
@@ -65,6 +65,7 @@ pub(crate) enum EpisodeError {
 pub(crate) struct RunningEpisode {
     pub(crate) assignment: Assignment,
     task: &'static Task,
+    end: EpisodeEnd,
     action_dim: usize,
     instruction: String,
     world: World,
@@ -90,19 +91,12 @@ pub(crate) struct RunningEpisode {
 impl RunningEpisode {
     /// Samples the episode's scene and builds its world. If the policy's lane has images, the scene is also
     /// prepared for rendering.
-    pub(crate) fn new(
-        assignment: Assignment,
-        lanes: &[Lane],
-        run: &RunConfig,
-        sentences: Option<&Sentences>,
-    ) -> Self {
+    pub(crate) fn new(assignment: Assignment, lanes: &[Lane], run: &RunConfig, language: &Language) -> Self {
         let created = Instant::now();
         let task = assignment.task.task();
         let options = &run.results;
         let mut spec = assignment.perturbation.spec(task, options.profile, options.strength);
-        if let Some(sentences) = sentences {
-            sentences.replace(task, options.profile, &mut spec);
-        }
+        language.apply(task, options.profile, &mut spec);
         let scene = spec.draw(assignment.seed);
         let mode = control_mode(options, task.morphology, assignment.driver);
         let action_dim = mode.action_dim(task.morphology);
@@ -113,7 +107,7 @@ impl RunningEpisode {
                 let chunk = ChunkBuffer::new(mode, action_dim, execute, options.latency_steps());
                 (ActionSource::Chunk(chunk), images)
             }
-            Driver::Expert => (ActionSource::Expert(plan(&assignment, &scene)), false),
+            Driver::Expert => (ActionSource::Expert(plan(&assignment, &scene)), None),
         };
         let success = (task.success)(&scene, options.profile);
         let mut fingerprint = Fingerprint::default();
@@ -121,11 +115,12 @@ impl RunningEpisode {
         Self {
             assignment,
             task,
+            end: options.protocol.end,
             action_dim,
             action_source,
             unmet: first_unmet(&success, &world),
             success,
-            view: images.then(|| RenderScene::new(&scene)),
+            view: images.map(|sizes| RenderScene::new(&scene, sizes)),
             snapshot: Snapshot::identity(scene.bodies.len(), scene.robots.len()),
             instruction: scene.instruction,
             world,
@@ -149,7 +144,8 @@ impl RunningEpisode {
     }
 
     pub(crate) fn status(&self) -> Status {
-        let is_over = self.steps >= self.task.max_steps || self.error.is_some();
+        let is_won = self.end == EpisodeEnd::Success && self.first_success_step.is_some();
+        let is_over = is_won || self.steps >= self.task.max_steps || self.error.is_some();
         match &self.action_source {
             // The env is free once the answer in flight has been received.
             _ if is_over => {

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use ipc_types::layout::{ACTION_PAGES, block_pages};
+use ipc_types::layout::ACTION_PAGES;
 use ipc_types::link::{ActionMessage, LinkError, LinkNode, SimLane};
 use ipc_types::{
     ActionHeader, ActionView, ControlMode, FrameError, Morphology, ObservationHeader, Page, SCHEMA_HASH,
@@ -171,11 +171,6 @@ impl LaneState {
         self.queried.as_secs_f64()
     }
 
-    /// Returns the number of pages of one env of this morphology.
-    pub(crate) fn block_pages(&self, morphology: Morphology) -> usize {
-        block_pages(morphology, self.config.images)
-    }
-
     /// Records a batch as in flight and returns its header. The caller sends it with the observations in
     /// `pages`.
     pub(crate) fn dispatch(
@@ -203,12 +198,10 @@ impl LaneState {
             sequence: self.sequence,
             epoch: self.epoch,
             n_envs: slots.len() as u32,
-            block_pages: self.block_pages(morphology) as u32,
-            morphology: morphology.code(),
             control_mode: mode.code(),
-            images: u32::from(self.config.images),
             ..Default::default()
-        };
+        }
+        .with_images(morphology, self.config.images);
         if self.check_frames { header.with_checksum(pages) } else { header }
     }
 

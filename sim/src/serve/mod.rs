@@ -17,6 +17,7 @@ use std::io;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::time::{Duration, Instant};
 
+use ipc_types::layout::block_pages;
 use ipc_types::link::{LinkError, LinkNode, SimLink};
 use ipc_types::{ActionView, FrameError};
 use run_config::trace::{self, Activity, CpuTime};
@@ -29,7 +30,7 @@ use self::episode::{EpisodeError, control_mode};
 use self::lane::{InvalidAnswerError, LaneError, LaneState};
 use self::pipes::{emit, read_commands};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
-use crate::perturb::{Sentences, SentencesError};
+use crate::perturb::{Language, SentencesError};
 use render::{self, OpenRendererError, RenderError};
 
 /// Duration of busy waiting before the first timed wait for an answer.
@@ -135,12 +136,11 @@ impl Server {
                 LaneState::create(&node, config.run_id, check_frames, lane.clone())
             })
             .collect::<Result<Vec<_>, _>>()?;
-        let language = &config.run.results.language;
-        let sentences = language.as_ref().map(Sentences::read).transpose()?;
-        let rendering = &config.run.rendering;
+        let language = Language::read(&config.run.results)?;
+        let (rendering, image_size) = (&config.run.rendering, config.run.results.protocol.image_size);
         let n_threads = config.run.resources.n_threads() as usize;
         let gpu = config.run.resources.gpu;
-        let renderer = render::open(rendering.renderer, gpu, rendering.samples, n_threads)?;
+        let renderer = render::open(rendering.renderer, gpu, rendering.samples, image_size, n_threads)?;
         let max_envs = config.lanes.iter().map(|lane| lane.spec.max_envs as usize).max().unwrap_or(0);
         let shm_bytes = config.lanes.iter().map(|lane| lane.spec.shm_bytes()).sum();
         emit(&SimEvent::Ready { shm_bytes, renderer: renderer.name(), identity: renderer.identity() })?;
@@ -148,7 +148,7 @@ impl Server {
             commands,
             link,
             lanes,
-            envs: Envs::new(config, sentences),
+            envs: Envs::new(config, language),
             writer: BatchWriter::new(renderer, max_envs),
             run: config.run.clone(),
             n_threads,
@@ -319,10 +319,11 @@ impl Server {
             self.envs.ready(lane_idx as u32).filter(|(_, episode)| episode.morphology() == morphology);
         self.batch.extend(ready.map(|(slot, _)| slot).take(n_envs));
         let as_lane_error = |policy: &str, source| LaneError::Link { policy: policy.to_owned(), source };
-        let n_pages = self.batch.len() * lane.block_pages(morphology);
+        let images = lane.config.images;
+        let n_pages = self.batch.len() * block_pages(morphology, images);
         let mut loan = lane.link.loan(n_pages).map_err(|e| as_lane_error(&lane.config.spec.policy, e))?;
         let observing = trace::span(Activity::Observe);
-        let cost = self.writer.write(&mut self.envs, &self.batch, morphology, loan.pages_mut())?;
+        let cost = self.writer.write(&mut self.envs, &self.batch, (morphology, images), loan.pages_mut())?;
         observing.finish(self.batch.len() as u64);
         self.counters.images += cost.images;
         self.counters.render_s += cost.core_s;

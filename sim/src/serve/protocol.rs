@@ -3,6 +3,7 @@
 //!
 //! Observations and actions never pass through here; they travel over the link.
 
+use ipc_types::ImageSizes;
 use ipc_types::link::{Domain, LaneSpec};
 use run_config::RunConfig;
 use run_config::trace::TraceSpan;
@@ -34,8 +35,8 @@ pub struct SimConfig {
 pub struct Lane {
     /// Size and layout of the lane's shared memory.
     pub spec: LaneSpec,
-    /// `true` if the policy uses images; if not, none is rendered for it.
-    pub images: bool,
+    /// Sizes of the images that the policy sees; `None` if it uses none, in which case none is rendered.
+    pub images: Option<ImageSizes>,
     /// `true` if the host was not started by the orchestrator, so that the sim itself has to check that it is
     /// alive.
     pub foreign: bool,

@@ -5,9 +5,10 @@ use std::path::Path;
 use std::sync::mpsc::sync_channel;
 
 use bytemuck::Zeroable;
+use ipc_types::layout::block_pages;
 use ipc_types::link::{Domain, HostLane, LaneSpec};
 use ipc_types::{
-    ActionBlock, ActionHeader, ControlMode, Morphology, ObservationHeader, ObservationView, Page,
+    ActionBlock, ActionHeader, ControlMode, ImageSizes, Morphology, ObservationHeader, ObservationView, Page,
 };
 use run_config::Amount;
 
@@ -15,6 +16,7 @@ use super::envs::LaneTally;
 use super::protocol::{Assignment, Driver, Lane};
 use super::*;
 use crate::counting::allocations;
+use crate::perturb::Language;
 use crate::physics::World;
 use crate::{Perturbation, Profile, TaskId};
 use render::RendererChoice;
@@ -66,7 +68,7 @@ fn with_server(test: impl FnOnce(&mut Server, HostLane) + Send) {
         lane: 0,
         policy: "test".to_owned(),
         max_envs: N_ENVS,
-        block_pages: ipc_types::layout::block_pages(MORPHOLOGY, true) as u32,
+        block_pages: block_pages(MORPHOLOGY, Some(ImageSizes::BENCHMARK)) as u32,
         in_flight: 2,
     };
     let config = config(&domain, vec![spec.clone()]);
@@ -89,7 +91,13 @@ fn config(domain: &Domain, specs: Vec<LaneSpec>) -> SimConfig {
     run.results.control_mode = MODE;
     run.rendering.renderer = RendererChoice::Cpu;
     let answer_timeout_s = Lane::ANSWER_TIMEOUT_S;
-    let lane = |spec| Lane { spec, images: true, foreign: false, answer_timeout_s, execute: N_ROWS };
+    let lane = |spec| Lane {
+        spec,
+        images: Some(ImageSizes::BENCHMARK),
+        foreign: false,
+        answer_timeout_s,
+        execute: N_ROWS,
+    };
     let lanes = specs.into_iter().map(lane).collect();
     SimConfig { domain: domain.clone(), run_id: RUN, max_envs: N_ENVS, envs: N_ENVS, lanes, run }
 }
@@ -174,7 +182,7 @@ fn crowded_envs(limit: u32) -> Envs {
     let spec = |lane| LaneSpec { lane, policy: "p".into(), max_envs: 1, block_pages: 1, in_flight: 1 };
     let mut config = config(&Domain::new(Path::new("/tmp"), 0), vec![spec(0), spec(1)]);
     (config.max_envs, config.envs) = (6, limit);
-    let mut envs = Envs::new(&config, None);
+    let mut envs = Envs::new(&config, Language::default());
     for (n, driver) in [Driver::Lane(0), Driver::Lane(1), Driver::Expert].into_iter().enumerate() {
         for id in 0..10 {
             envs.push(Assignment { driver, ..assignment(n as u64 * 10 + id) });
@@ -239,13 +247,8 @@ fn unanswered_query_times_out_naming_the_policy() {
     {
         let node = LinkNode::new(&domain, "sim").unwrap();
         let link = SimLink::create(&node, 1).unwrap();
-        let config = Lane {
-            spec: spec.clone(),
-            images: false,
-            foreign: false,
-            answer_timeout_s: 120,
-            execute: N_ROWS,
-        };
+        let config =
+            Lane { spec: spec.clone(), images: None, foreign: false, answer_timeout_s: 120, execute: N_ROWS };
         let mut lane = LaneState::create(&node, RUN, false, config).unwrap();
         let _host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         lane.host_up();
@@ -285,13 +288,8 @@ fn answer_that_changes_later_is_used_as_checked() {
     {
         let node = LinkNode::new(&domain, "sim").unwrap();
         let link = SimLink::create(&node, 1).unwrap();
-        let config = Lane {
-            spec: spec.clone(),
-            images: false,
-            foreign: false,
-            answer_timeout_s: 120,
-            execute: N_ROWS,
-        };
+        let config =
+            Lane { spec: spec.clone(), images: None, foreign: false, answer_timeout_s: 120, execute: N_ROWS };
         let mut lane = LaneState::create(&node, RUN, false, config).unwrap();
         let mut host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         lane.host_up();
@@ -371,7 +369,7 @@ fn answer_of_changed_message(
         let node = LinkNode::new(&domain, "sim").unwrap();
         let link = SimLink::create(&node, 1).unwrap();
         let config =
-            Lane { spec: spec.clone(), images: false, foreign, answer_timeout_s: 120, execute: N_ROWS };
+            Lane { spec: spec.clone(), images: None, foreign, answer_timeout_s: 120, execute: N_ROWS };
         let mut lane = LaneState::create(&node, RUN, true, config).unwrap();
         let mut host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         lane.host_up();

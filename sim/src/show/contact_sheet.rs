@@ -1,9 +1,10 @@
-//! Contact sheets: square images and their captions, laid out on a grid with margins, as one PNG.
+//! Contact sheets: images and their captions, laid out on a grid with margins, as one PNG.
 
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::Path;
 
+use ipc_types::ImageSize;
 use thiserror::Error;
 
 use super::MARK;
@@ -43,30 +44,31 @@ pub struct RgbImage {
     rgb: Vec<u8>,
 }
 
-/// Square images side by side, with a caption below them.
+/// Images side by side, with a caption below them.
 #[derive(Clone, Debug)]
 pub struct Panel {
     /// Text below the images; empty for none.
     pub caption: String,
-    /// Images, each given as its side in px and its `[side, side, 3] u8` sRGB bytes.
-    pub images: Vec<(usize, Vec<u8>)>,
+    /// Images, each given as its size and its `[height, width, 3] u8` sRGB bytes.
+    pub images: Vec<(ImageSize, Vec<u8>)>,
 }
 
 /// Lays out panels on a grid of `columns` columns, in row-major order, and repeats every pixel of their
 /// images `upscale` times along both axes.
 ///
 /// # Panics
-/// If there are no images, if `columns` or `upscale` is 0, or if an image's length does not match its side.
+/// If there are no images, if `columns` or `upscale` is 0, or if an image's length does not match its size.
 #[must_use]
 pub fn compose(panels: &[Panel], columns: usize, upscale: usize) -> RgbImage {
-    let sides = || panels.iter().flat_map(|panel| &panel.images).map(|(side, _)| side * upscale);
+    let sizes = || panels.iter().flat_map(|panel| &panel.images).map(|(size, _)| size);
     assert!(
-        columns > 0 && sides().any(|side| side > 0),
+        columns > 0 && upscale > 0 && sizes().any(|size| size.n_pixels() > 0),
         "a sheet needs at least one image, one column and an upscale factor of at least 1"
     );
-    let cell = sides().max().unwrap_or(0) + MARGIN;
-    let panel_width = cell * panels.iter().map(|panel| panel.images.len()).max().unwrap_or(0);
-    let font = Font::for_width(cell);
+    let cell = [sizes().map(|size| size.width).max(), sizes().map(|size| size.height).max()]
+        .map(|most| most.unwrap_or(0) * upscale + MARGIN);
+    let panel_width = cell[0] * panels.iter().map(|panel| panel.images.len()).max().unwrap_or(0);
+    let font = Font::for_width(cell[0]);
     let columns = columns.min(panels.len());
     let mut sheet = RgbImage { width: columns * panel_width + MARGIN, rgb: Vec::new() };
     sheet.extend(MARGIN);
@@ -75,14 +77,14 @@ pub fn compose(panels: &[Panel], columns: usize, upscale: usize) -> RgbImage {
         let captions: Vec<Vec<String>> = captions.collect();
         let text_height = captions.iter().map(|lines| lines.len() * font.height()).max().unwrap_or(0);
         let top = sheet.size()[1];
-        sheet.extend(cell + text_height);
+        sheet.extend(cell[1] + text_height);
         for (column, (panel, lines)) in row.iter().zip(captions).enumerate() {
             let left = column * panel_width + MARGIN;
-            for (idx, (side, bytes)) in panel.images.iter().enumerate() {
-                sheet.draw_image(*side, bytes, [left + idx * cell, top], upscale);
+            for (idx, (size, bytes)) in panel.images.iter().enumerate() {
+                sheet.draw_image(*size, bytes, [left + idx * cell[0], top], upscale);
             }
             for (idx, line) in lines.iter().enumerate() {
-                let top = top + cell + idx * font.height() - MARGIN / 2;
+                let top = top + cell[1] + idx * font.height() - MARGIN / 2;
                 font.draw(line, BACKGROUND, |x, y, grey| sheet.set(left + x, top + y, [grey; 3]));
             }
         }
@@ -106,12 +108,12 @@ impl RgbImage {
         self.rgb[(y * self.width + x) * 3..][..3].copy_from_slice(&rgb);
     }
 
-    fn draw_image(&mut self, side: usize, rgb: &[u8], [left, top]: [usize; 2], upscale: usize) {
-        assert_eq!(rgb.len(), side * side * 3, "an image must be [side, side, 3] u8");
+    fn draw_image(&mut self, size: ImageSize, rgb: &[u8], [left, top]: [usize; 2], upscale: usize) {
+        assert_eq!(rgb.len(), size.n_bytes(), "an image must be [height, width, 3] u8");
         let pixels = rgb.as_chunks().0;
-        for y in 0..side * upscale {
-            for x in 0..side * upscale {
-                self.set(left + x, top + y, pixels[y / upscale * side + x / upscale]);
+        for y in 0..size.height * upscale {
+            for x in 0..size.width * upscale {
+                self.set(left + x, top + y, pixels[y / upscale * size.width + x / upscale]);
             }
         }
     }

@@ -6,7 +6,7 @@ use ipc_types::layout::MAX_ACTION_DIM;
 use super::error::ShowError;
 use super::status::EpisodeStatus;
 use crate::expert::{Expert, MotionPlanError, write_hold_action};
-use crate::perturb::{Composition, Perturbation, Strength};
+use crate::perturb::{Composition, Language, Perturbation, Strength};
 use crate::physics::World;
 use crate::predicate::first_unmet;
 use crate::task::Task;
@@ -63,6 +63,14 @@ impl EpisodeSpec {
     /// Samples the scene of an episode.
     pub(crate) fn draw(self, episode_seed: u64) -> Scene {
         self.perturbation.spec(self.task.task(), self.profile, self.strength).draw(episode_seed)
+    }
+
+    /// Draws the instruction of an episode from the sentences of a run.
+    #[must_use]
+    pub fn instruction(self, language: &Language, episode_seed: u64) -> String {
+        let mut spec = self.perturbation.spec(self.task.task(), self.profile, self.strength);
+        language.apply(self.task.task(), self.profile, &mut spec);
+        spec.instruction.draw(episode_seed)
     }
 
     /// Rolls out an episode. Returns the initial snapshot followed by one snapshot per control step, and the

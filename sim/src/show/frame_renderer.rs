@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use ipc_types::ImageSize;
+
 use super::depth::DepthRange;
 use super::segmentation::{LegendEntry, color_of, legend};
 use render::{CpuOptions, CpuRenderer, Inspection, RenderScene, Samples, Segment};
@@ -97,16 +99,16 @@ impl FrameRenderer {
         n_pixels.into_values().filter(|n| *n >= VISIBLE_PIXELS).count()
     }
 
-    /// Renders some cameras. Returns each camera's side in px and its `[side, side, 3] u8` sRGB image.
+    /// Renders some cameras. Returns each camera's size and its `[height, width, 3] u8` sRGB image.
     pub(crate) fn render(
         &mut self,
         scene: &RenderScene,
         snapshot: &Snapshot,
         cameras: Range<usize>,
-    ) -> Vec<(usize, Vec<u8>)> {
+    ) -> Vec<(ImageSize, Vec<u8>)> {
         let Self { renderer, legend } = self;
         let mut for_each_camera = |to_image: &dyn Fn(Inspection) -> Vec<u8>| {
-            let camera = |idx| (scene.side(idx), to_image(renderer.inspect(scene, snapshot, idx)));
+            let camera = |idx| (scene.size(idx), to_image(renderer.inspect(scene, snapshot, idx)));
             cameras.clone().map(camera).collect()
         };
         match legend {

@@ -1,6 +1,6 @@
 //! Frame sequences: the rows of a contact sheet or the frames of a movie.
 
-use ipc_types::ControlMode;
+use ipc_types::{ControlMode, ImageSize, ImageSizes};
 
 use super::contact_sheet::{self, Panel, RgbImage};
 use super::episode::{Actor, EpisodeSpec, RolloutEnd, snapshot};
@@ -49,7 +49,8 @@ impl FrameSequence {
             step: 0,
         };
         let frames: Vec<SequenceFrame> = sampled.iter().enumerate().map(initial).collect();
-        let scenes: Vec<RenderScene> = sampled.iter().map(RenderScene::new).collect();
+        let prepared = sampled.iter().map(|scene| RenderScene::new(scene, ImageSizes::BENCHMARK));
+        let scenes: Vec<RenderScene> = prepared.collect();
         let renderer = FrameRenderer::new(mode, &sampled, &scenes, &frames);
         Self {
             scenes,
@@ -104,7 +105,7 @@ impl FrameSequence {
         let (snapshots, outcome) = spec.roll_out(&scene, actor, end)?;
         let frame = |step| SequenceFrame { scene_idx: 0, snapshot: snapshots[step as usize].clone(), step };
         let frames: Vec<SequenceFrame> = select_steps(outcome.n_steps).into_iter().map(frame).collect();
-        let scenes = vec![RenderScene::new(&scene)];
+        let scenes = vec![RenderScene::new(&scene, ImageSizes::BENCHMARK)];
         let renderer = FrameRenderer::new(mode, core::slice::from_ref(&scene), &scenes, &frames);
         Ok(Self {
             scenes,
@@ -213,7 +214,7 @@ impl FrameSequence {
         Panel { caption: lines.join("\n"), images: self.images(frame_idx) }
     }
 
-    fn images(&mut self, frame_idx: usize) -> Vec<(usize, Vec<u8>)> {
+    fn images(&mut self, frame_idx: usize) -> Vec<(ImageSize, Vec<u8>)> {
         let SequenceFrame { scene_idx, snapshot, .. } = &self.frames[frame_idx];
         let scene = &self.scenes[*scene_idx];
         let cameras = self.camera_idx.map_or(0..scene.n_cameras(), |idx| idx..idx + 1);

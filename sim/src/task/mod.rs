@@ -58,6 +58,8 @@ pub struct Task {
     pub demo_steps: f64,
     /// The instruction that policies are trained with.
     pub instruction: &'static str,
+    /// The instruction in the benchmark's evaluation through LeRobot (docs/protocols.md).
+    pub lerobot_instruction: &'static str,
     /// Paraphrases of the instruction, one per line.
     pub paraphrases: &'static str,
     /// Returns the unperturbed scene distribution.

@@ -25,6 +25,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 533,
     demo_steps: 473.9,
     instruction: "place the food item in the pan for cooking",
+    lerobot_instruction: "Cook the item in the pan",
     paraphrases: include_str!("paraphrases/cook_item_in_pan.txt"),
     nominal,
     success,

@@ -21,6 +21,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 155,
     demo_steps: 130.7,
     instruction: "use both arms to pick up the bottle",
+    lerobot_instruction: "Pick up the bottle with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_bottle_handover.txt"),
     nominal,
     success,

@@ -19,6 +19,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 213,
     demo_steps: 201.1,
     instruction: "use both arms to pick up the cube",
+    lerobot_instruction: "Pick up the cube with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_cube_handover.txt"),
     nominal,
     success,

@@ -19,6 +19,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 118,
     demo_steps: 81.0,
     instruction: "use both hands to grasp and pull the drawer open",
+    lerobot_instruction: "Open the drawer with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_drawer_open.txt"),
     nominal,
     success,

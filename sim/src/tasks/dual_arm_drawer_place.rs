@@ -20,6 +20,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 202,
     demo_steps: 186.4,
     instruction: "open the drawer with one hand and place the object inside with the other hand",
+    lerobot_instruction: "Place object in drawer with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_drawer_place.txt"),
     nominal,
     success,

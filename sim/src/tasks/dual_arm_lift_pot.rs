@@ -21,6 +21,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 125,
     demo_steps: 98.1,
     instruction: "grasp the pot with both hands and lift it up",
+    lerobot_instruction: "Lift the pot with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_lift_pot.txt"),
     nominal,
     success,

@@ -21,6 +21,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 122,
     demo_steps: 104.7,
     instruction: "grasp the tray with both hands and lift it up",
+    lerobot_instruction: "Lift the tray with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_lift_tray.txt"),
     nominal,
     success,

@@ -19,6 +19,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 232,
     demo_steps: 186.1,
     instruction: "hold the pen with one hand and remove the cap with the other hand",
+    lerobot_instruction: "Cap the pen with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_pen_cap.txt"),
     nominal,
     success,

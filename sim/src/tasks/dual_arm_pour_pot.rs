@@ -23,6 +23,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 214,
     demo_steps: 200.7,
     instruction: "lift the pot with both hands and pour its contents into the target container",
+    lerobot_instruction: "Pour from the pot with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_pour_pot.txt"),
     nominal,
     success,

@@ -21,6 +21,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 130,
     demo_steps: 93.0,
     instruction: "use both hands to push the box to the target location",
+    lerobot_instruction: "Push the box with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_push_box.txt"),
     nominal,
     success,

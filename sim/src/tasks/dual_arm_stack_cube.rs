@@ -18,6 +18,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 166,
     demo_steps: 137.0,
     instruction: "use both hands to stack one cube on top of another",
+    lerobot_instruction: "Stack cubes with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_stack_cube.txt"),
     nominal,
     success,

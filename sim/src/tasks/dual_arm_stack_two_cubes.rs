@@ -17,6 +17,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 284,
     demo_steps: 242.1,
     instruction: "use both hands to stack three cubes into a tower",
+    lerobot_instruction: "Stack three cubes with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_stack_two_cubes.txt"),
     nominal,
     success,

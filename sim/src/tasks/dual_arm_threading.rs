@@ -22,6 +22,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 192,
     demo_steps: 165.0,
     instruction: "use both hands to thread the object through the target opening",
+    lerobot_instruction: "Thread with dual arms",
     paraphrases: include_str!("paraphrases/dual_arm_threading.txt"),
     nominal,
     success,

@@ -22,6 +22,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 247,
     demo_steps: 225.7,
     instruction: "use the hammer to hit the nail into the wood",
+    lerobot_instruction: "Hammer the nail into the surface",
     paraphrases: include_str!("paraphrases/hammer_nail.txt"),
     nominal,
     success,

@@ -22,6 +22,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 224,
     demo_steps: 198.4,
     instruction: "lift the peg and stand it upright on the table",
+    lerobot_instruction: "Lift the peg upright",
     paraphrases: include_str!("paraphrases/lift_peg_upright.txt"),
     nominal,
     success,

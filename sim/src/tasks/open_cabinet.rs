@@ -20,6 +20,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 491,
     demo_steps: 475.9,
     instruction: "grasp the handle and open the cabinet door",
+    lerobot_instruction: "Open the cabinet door",
     paraphrases: include_str!("paraphrases/open_cabinet.txt"),
     nominal,
     success,

@@ -20,6 +20,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 132,
     demo_steps: 118.4,
     instruction: "grasp the handle and pull the drawer open",
+    lerobot_instruction: "Open the drawer",
     paraphrases: include_str!("paraphrases/open_drawer.txt"),
     nominal,
     success,

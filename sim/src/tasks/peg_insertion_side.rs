@@ -23,6 +23,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 266,
     demo_steps: 151.4,
     instruction: "insert the peg into the hole from the side",
+    lerobot_instruction: "Insert the peg from the side",
     paraphrases: include_str!("paraphrases/peg_insertion_side.txt"),
     nominal,
     success,

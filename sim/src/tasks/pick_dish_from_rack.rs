@@ -18,6 +18,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 156,
     demo_steps: 119.8,
     instruction: "pick up a dish from the drying rack",
+    lerobot_instruction: "Pick up the dish from the rack",
     paraphrases: include_str!("paraphrases/pick_dish_from_rack.txt"),
     nominal,
     success,

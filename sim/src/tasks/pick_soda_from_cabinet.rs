@@ -21,6 +21,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 203,
     demo_steps: 193.6,
     instruction: "pick up the soda can from the cabinet",
+    lerobot_instruction: "Pick up the soda can from the cabinet",
     paraphrases: include_str!("paraphrases/pick_soda_from_cabinet.txt"),
     nominal,
     success,

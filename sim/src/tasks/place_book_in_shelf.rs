@@ -19,6 +19,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 216,
     demo_steps: 182.5,
     instruction: "place the book into the bookshelf",
+    lerobot_instruction: "Place the book on the shelf",
     paraphrases: include_str!("paraphrases/place_book_in_shelf.txt"),
     nominal,
     success,

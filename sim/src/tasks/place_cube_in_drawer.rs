@@ -19,6 +19,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 387,
     demo_steps: 333.5,
     instruction: "place the cube inside the open drawer",
+    lerobot_instruction: "Place the cube in the drawer",
     paraphrases: include_str!("paraphrases/place_cube_in_drawer.txt"),
     nominal,
     success,

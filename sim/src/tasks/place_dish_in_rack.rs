@@ -20,6 +20,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 327,
     demo_steps: 251.4,
     instruction: "place the dish into the drying rack",
+    lerobot_instruction: "Place the dish in the rack",
     paraphrases: include_str!("paraphrases/place_dish_in_rack.txt"),
     nominal,
     success,

@@ -24,6 +24,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 234,
     demo_steps: 179.6,
     instruction: "plug the charger into the wall outlet",
+    lerobot_instruction: "Plug in the charger",
     paraphrases: include_str!("paraphrases/plug_charger.txt"),
     nominal,
     success,

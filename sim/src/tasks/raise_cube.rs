@@ -18,6 +18,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 92,
     demo_steps: 78.3,
     instruction: "lift the cube up to a certain height",
+    lerobot_instruction: "Raise the cube up from the table",
     paraphrases: include_str!("paraphrases/raise_cube.txt"),
     nominal,
     success,

@@ -20,6 +20,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 355,
     demo_steps: 328.9,
     instruction: "rotate the arrow lever to the target direction",
+    lerobot_instruction: "Rotate the arrow",
     paraphrases: include_str!("paraphrases/rotate_arrow.txt"),
     nominal,
     success,

@@ -20,6 +20,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 322,
     demo_steps: 242.9,
     instruction: "scoop the banana and move it to the target location",
+    lerobot_instruction: "Scoop the banana",
     paraphrases: include_str!("paraphrases/scoop_banana.txt"),
     nominal,
     success,

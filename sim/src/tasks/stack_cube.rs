@@ -19,6 +19,7 @@ pub(crate) const TASK: Task = Task {
     max_steps: 142,
     demo_steps: 107.1,
     instruction: "stack red cube on top of green cube",
+    lerobot_instruction: "Stack one cube on top of another",
     paraphrases: include_str!("paraphrases/stack_cube.txt"),
     nominal,
     success,

@@ -1,5 +1,6 @@
 //! Agreement of images between the CPU and GPU renderers.
 
+use ipc_types::ImageSizes;
 use sim::render::gpu::AdapterKind;
 use sim::render::{CpuOptions, CpuRenderer, Renderer, Samples};
 
@@ -42,12 +43,12 @@ impl ImageDeviation {
 }
 
 /// Asserts that GPU and CPU agree in all images, and prints the worst deviation.
-fn assert_gpu_matches_cpu(set: PerturbationSet, samples: Samples, shadows: bool) {
-    let mut gpu = renderer(samples);
+fn assert_gpu_matches_cpu(set: PerturbationSet, samples: Samples, shadows: bool, sizes: ImageSizes) {
+    let mut gpu = renderer(samples, sizes);
     let mut cpu = CpuRenderer::with_options(1, CpuOptions { samples, ..CpuOptions::default() });
-    let label = format!("{}, shadows: {shadows}", gpu.name());
+    let label = format!("{}, {sizes}, shadows: {shadows}", gpu.name());
     let mut deviations = Vec::new();
-    for scene in test_scenes(set, shadows) {
+    for scene in test_scenes(set, shadows, sizes) {
         let pairs = scene.images(&mut cpu).into_iter().zip(scene.images(&mut gpu));
         let named = pairs.enumerate().map(|(camera, (a, b))| {
             (format!("{}, camera {camera}", scene.name), ImageDeviation::between(&a, &b))
@@ -72,12 +73,27 @@ fn gpu_matches_cpu_for_every_task() {
         AdapterKind::Software => PerturbationSet::OnePerTask,
         AdapterKind::Hardware => PerturbationSet::All,
     };
-    assert_gpu_matches_cpu(set, Samples::One, false);
-    assert_gpu_matches_cpu(set, Samples::One, true);
+    assert_gpu_matches_cpu(set, Samples::One, false, ImageSizes::BENCHMARK);
+    assert_gpu_matches_cpu(set, Samples::One, true, ImageSizes::BENCHMARK);
 }
 
 #[test]
 #[ignore = "needs a Vulkan driver"]
 fn gpu_matches_cpu_with_four_samples() {
-    assert_gpu_matches_cpu(PerturbationSet::OnePerTask, Samples::Four, true);
+    assert_gpu_matches_cpu(PerturbationSet::OnePerTask, Samples::Four, true, ImageSizes::BENCHMARK);
+}
+
+#[test]
+#[ignore = "needs a Vulkan driver"]
+fn gpu_matches_cpu_at_other_sizes() {
+    // With four samples the smallest images consist of edges.
+    for (samples, sizes) in [
+        (Samples::One, "640x480,wrist=99x65"),
+        (Samples::One, "64x64,wrist=250x250"),
+        (Samples::One, "1280x960,wrist=65x64"),
+        (Samples::Four, "640x480,wrist=250x249"),
+        (Samples::Four, "1280x960,wrist=131x129"),
+    ] {
+        assert_gpu_matches_cpu(PerturbationSet::FewTasks, samples, true, sizes.parse().unwrap());
+    }
 }

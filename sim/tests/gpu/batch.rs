@@ -1,5 +1,6 @@
 //! Independence of images from the batch in which they are rendered.
 
+use ipc_types::ImageSizes;
 use sim::render::Samples;
 use sim::render::{Renderer, View};
 
@@ -25,21 +26,28 @@ const MOST_LARGE_TRIANGLES: &str = "DualArmDrawerOpen/Language-Other-Task";
 #[test]
 #[ignore = "needs a Vulkan driver"]
 fn images_do_not_depend_on_the_batch() {
-    assert_independent_of_batch(Samples::One, PerturbationSet::All, &SCENES);
+    assert_independent_of_batch(Samples::One, PerturbationSet::All, ImageSizes::BENCHMARK, &SCENES);
 }
 
 #[test]
 #[ignore = "needs a Vulkan driver"]
 fn four_samples_do_not_depend_on_the_batch() {
-    assert_independent_of_batch(Samples::Four, PerturbationSet::OnePerTask, &[MOST_LARGE_TRIANGLES]);
+    for sizes in [ImageSizes::BENCHMARK, "640x480,wrist=99x65".parse().unwrap()] {
+        assert_independent_of_batch(
+            Samples::Four,
+            PerturbationSet::OnePerTask,
+            sizes,
+            &[MOST_LARGE_TRIANGLES],
+        );
+    }
 }
 
 /// Asserts that selected scenes give the same images one by one and in a batch with copies of all of them.
-fn assert_independent_of_batch(samples: Samples, set: PerturbationSet, names: &[&str]) {
-    let mut gpu = renderer(samples);
+fn assert_independent_of_batch(samples: Samples, set: PerturbationSet, sizes: ImageSizes, names: &[&str]) {
+    let mut gpu = renderer(samples, sizes);
     let scenes: Vec<TestScene> = [false, true]
         .into_iter()
-        .flat_map(|shadows| test_scenes(set, shadows))
+        .flat_map(|shadows| test_scenes(set, shadows, sizes))
         .filter(|scene| names.contains(&scene.name.as_str()))
         .collect();
     assert_eq!(scenes.len(), 2 * names.len(), "scenes without and with shadows");
@@ -63,7 +71,7 @@ fn assert_independent_of_batch(samples: Samples, set: PerturbationSet, names: &[
 #[test]
 #[ignore = "needs a Vulkan driver"]
 fn empty_batch_renders_nothing() {
-    let mut gpu = renderer(Samples::One);
+    let mut gpu = renderer(Samples::One, ImageSizes::BENCHMARK);
     gpu.render(&mut []).unwrap();
 }
 

@@ -1,7 +1,7 @@
 //! Perturbations that change only images or instructions leave the world, and so the trajectory of a blind
 //! policy, unchanged. Every visual perturbation changes the images.
 
-use ipc_types::ControlMode;
+use ipc_types::{ControlMode, ImageSizes};
 use rayon::prelude::*;
 use sim::expert::Expert;
 use sim::perturb::{Composition, Modality, Strength};
@@ -101,10 +101,9 @@ fn visual_and_language_perturbations_keep_the_experts_trajectory() {
 fn images(scene: &Scene) -> Vec<Vec<u8>> {
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
-    let scene = RenderScene::new(scene);
+    let scene = RenderScene::new(scene, ImageSizes::BENCHMARK);
     let render = |camera_idx| {
-        let side = scene.side(camera_idx);
-        let mut rgb = vec![0; side * side * 3];
+        let mut rgb = vec![0; scene.size(camera_idx).n_bytes()];
         let view = View { scene: &scene, snapshot: &snapshot, camera_idx, out: &mut rgb };
         CpuRenderer::new(1).render(&mut [view]).unwrap();
         rgb

@@ -1,6 +1,6 @@
 //! Scenes and image helpers shared by the renderer tests.
 
-use ipc_types::ControlMode;
+use ipc_types::{ControlMode, ImageSizes};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use sim::perturb::{Composition, Strength};
 use sim::physics::World;
@@ -85,9 +85,8 @@ pub(crate) fn initial_snapshot(scene: &Scene) -> Snapshot {
 
 /// Renders one image.
 pub(crate) fn render(scene: &Scene, snapshot: &Snapshot, camera_idx: usize) -> Vec<u8> {
-    let scene = RenderScene::new(scene);
-    let side = scene.side(camera_idx);
-    let mut out = vec![0; side * side * 3];
+    let scene = RenderScene::new(scene, ImageSizes::BENCHMARK);
+    let mut out = vec![0; scene.size(camera_idx).n_bytes()];
     CpuRenderer::new(1).render(&mut [View { scene: &scene, snapshot, camera_idx, out: &mut out }]).unwrap();
     out
 }

@@ -4,10 +4,11 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
+use ipc_types::ImageSize;
 use sim::show::contact_sheet::{Panel, SheetError, compose};
 
-fn panel(caption: &str, image: (usize, Vec<u8>)) -> Panel {
-    Panel { caption: caption.to_owned(), images: vec![image] }
+fn panel(caption: &str, (side, rgb): (usize, Vec<u8>)) -> Panel {
+    Panel { caption: caption.to_owned(), images: vec![(ImageSize::square(side), rgb)] }
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Coarse properties of images: visible robots, exposure, detail and the effect of colours, lights and
 //! textures.
 
+use ipc_types::ImageSizes;
 use sim::TaskId;
 use sim::render::RenderScene;
 
@@ -101,6 +102,6 @@ fn colour_light_and_texture_affect_image() {
 #[test]
 fn scene_has_plausible_triangle_count() {
     let (scene, _) = first_scene(TaskId::RaiseCube);
-    let n = RenderScene::new(&scene).n_triangles();
+    let n = RenderScene::new(&scene, ImageSizes::BENCHMARK).n_triangles();
     assert!((10_000..25_000).contains(&n), "{n} triangles");
 }

@@ -1,5 +1,6 @@
 //! An image is a function of its scene, snapshot and camera: it depends on all three and on nothing else.
 
+use ipc_types::ImageSizes;
 use sim::TaskId;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::{Link, Snapshot};
@@ -12,7 +13,7 @@ fn render_batch(n_threads: usize, reversed: bool, garbage: u8) -> Vec<Vec<u8>> {
         .iter()
         .map(|task| {
             let (scene, snapshot) = first_scene(*task);
-            (RenderScene::new(&scene), snapshot)
+            (RenderScene::new(&scene, ImageSizes::BENCHMARK), snapshot)
         })
         .collect();
     let cameras: Vec<(usize, usize)> = scenes
@@ -21,7 +22,7 @@ fn render_batch(n_threads: usize, reversed: bool, garbage: u8) -> Vec<Vec<u8>> {
         .flat_map(|(s, (scene, _))| (0..scene.n_cameras()).map(move |c| (s, c)))
         .collect();
     let mut images: Vec<Vec<u8>> =
-        cameras.iter().map(|&(s, c)| vec![garbage; scenes[s].0.side(c).pow(2) * 3]).collect();
+        cameras.iter().map(|&(s, c)| vec![garbage; scenes[s].0.size(c).n_bytes()]).collect();
     let mut views: Vec<View<'_>> = cameras
         .iter()
         .zip(&mut images)
@@ -59,8 +60,7 @@ fn moving_a_body_changes_only_its_surroundings() {
     let mut after = before.clone();
     after.bodies[0].translation.x += 0.03;
     for camera_idx in 0..2 {
-        let render_scene = RenderScene::new(&scene);
-        let side = render_scene.side(camera_idx);
+        let side = RenderScene::new(&scene, ImageSizes::BENCHMARK).size(camera_idx).width;
         let (old, new) = (render(&scene, &before, camera_idx), render(&scene, &after, camera_idx));
         let changed: Vec<[usize; 2]> = old
             .chunks_exact(3)

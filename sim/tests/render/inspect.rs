@@ -3,6 +3,7 @@
 
 use std::collections::BTreeSet;
 
+use ipc_types::ImageSizes;
 use sim::TaskId;
 use sim::render::{CpuRenderer, Inspection, RenderScene, Segment};
 use sim::scene::{Primitive, Scene, Snapshot};
@@ -12,7 +13,7 @@ use crate::common::{BLUE, body, empty_room, first_scene, initial_snapshot, is_bl
 const SIDE: usize = 224;
 
 fn inspect(scene: &Scene, snapshot: &Snapshot, camera_idx: usize) -> Inspection {
-    CpuRenderer::new(1).inspect(&RenderScene::new(scene), snapshot, camera_idx)
+    CpuRenderer::new(1).inspect(&RenderScene::new(scene, ImageSizes::BENCHMARK), snapshot, camera_idx)
 }
 
 fn scene_with_cube() -> Scene {

@@ -1,5 +1,6 @@
 //! Shadows and anti-aliasing: effects on images, and what they leave unchanged.
 
+use ipc_types::ImageSizes;
 use nalgebra::{UnitQuaternion, Vector3};
 use sim::render::{CpuOptions, CpuRenderer, RenderScene, Samples, View};
 use sim::scene::{DirectionalLight, Primitive, Scene};
@@ -20,8 +21,8 @@ fn lit_room(shadows: bool, with_cube: bool) -> Scene {
 }
 
 fn render(scene: &Scene, samples: Samples) -> Vec<u8> {
-    let (render_scene, snapshot) = (RenderScene::new(scene), initial_snapshot(scene));
-    let mut out = vec![0; render_scene.side(0).pow(2) * 3];
+    let (render_scene, snapshot) = (RenderScene::new(scene, ImageSizes::BENCHMARK), initial_snapshot(scene));
+    let mut out = vec![0; render_scene.size(0).n_bytes()];
     let options = CpuOptions { samples, ..CpuOptions::default() };
     let view = View { scene: &render_scene, snapshot: &snapshot, camera_idx: 0, out: &mut out };
     CpuRenderer::with_options(1, options).draw(&mut [view]);

@@ -5,11 +5,11 @@
 
 mod common;
 mod contact_sheet;
-mod high_res;
 mod image_content;
 mod independence;
 mod inspect;
 mod lighting;
 mod projection;
+mod sizes;
 mod static_layers;
 mod visual_shapes;

@@ -1,6 +1,6 @@
 //! Cached static layers change no byte.
 
-use ipc_types::ControlMode;
+use ipc_types::{ControlMode, ImageSizes};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use sim::physics::World;
 use sim::render::{CpuOptions, CpuRenderer, RenderScene, Samples, View};
@@ -13,7 +13,9 @@ use crate::common::{first_scene, perturbed};
 /// Renders all images of a scene at some snapshots, each with a new renderer.
 fn render_independently(scene: &Scene, options: CpuOptions, snapshots: &[Snapshot]) -> Vec<Vec<u8>> {
     let images = |snapshot| {
-        CpuRenderer::with_options(1, options).render_cameras(&RenderScene::new(scene), snapshot).into_iter()
+        CpuRenderer::with_options(1, options)
+            .render_cameras(&RenderScene::new(scene, ImageSizes::BENCHMARK), snapshot)
+            .into_iter()
     };
     snapshots.iter().flat_map(images).map(|(_, image)| image).collect()
 }
@@ -21,13 +23,13 @@ fn render_independently(scene: &Scene, options: CpuOptions, snapshots: &[Snapsho
 /// Renders all images of a scene at some snapshots with one renderer, and another scene in between.
 fn render_sequence(scene: &Scene, options: CpuOptions, snapshots: &[Snapshot]) -> Vec<Vec<u8>> {
     let (render_scene, (mut other, other_snapshot)) =
-        (RenderScene::new(scene), first_scene(TaskId::DualArmLiftTray));
+        (RenderScene::new(scene, ImageSizes::BENCHMARK), first_scene(TaskId::DualArmLiftTray));
     other.lights.shadows = scene.lights.shadows;
-    let other = RenderScene::new(&other);
+    let other = RenderScene::new(&other, ImageSizes::BENCHMARK);
     let mut renderer = CpuRenderer::with_options(1, options);
     let mut images = Vec::new();
     let mut draw = |scene: &RenderScene, snapshot: &Snapshot, camera_idx: usize| {
-        let mut out = vec![7; scene.side(camera_idx).pow(2) * 3];
+        let mut out = vec![7; scene.size(camera_idx).n_bytes()];
         renderer.draw(&mut [View { scene, snapshot, camera_idx, out: &mut out }]);
         out
     };
@@ -101,13 +103,14 @@ fn perturbed_scenes(task: TaskId) -> Vec<(Scene, Snapshot)> {
 #[test]
 fn renderer_keeps_scenes_apart() {
     for task in [TaskId::RaiseCube, TaskId::OpenCabinet, TaskId::DualArmLiftTray] {
-        let scenes: Vec<_> =
-            perturbed_scenes(task).into_iter().map(|(scene, at)| (RenderScene::new(&scene), at)).collect();
+        let scenes: Vec<_> = perturbed_scenes(task)
+            .into_iter()
+            .map(|(scene, at)| (RenderScene::new(&scene, ImageSizes::BENCHMARK), at))
+            .collect();
         let mut renderer = CpuRenderer::new(2);
-        let sides = |scene: &RenderScene| (0..scene.n_cameras()).map(|c| scene.side(c)).collect::<Vec<_>>();
         let mut together: Vec<Vec<Vec<u8>>> = scenes
             .iter()
-            .map(|(scene, _)| sides(scene).into_iter().map(|side| vec![0; side * side * 3]).collect())
+            .map(|(scene, _)| (0..scene.n_cameras()).map(|c| vec![0; scene.size(c).n_bytes()]).collect())
             .collect();
         let mut views: Vec<View<'_>> = scenes
             .iter()

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use clap::Args;
 use ipc_types::{ControlMode, Morphology};
 use run_config::allotment::n_cores;
-use run_config::{Profile, Strength};
-use sim::perturb::Composition;
+use run_config::{Profile, ProtocolOptions, RunConfig, Strength};
+use sim::perturb::{Composition, Language};
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::interrupt;
@@ -49,6 +49,8 @@ pub(crate) struct DemosArgs {
     /// Control mode in which single-arm episodes are recorded
     #[arg(long, value_name = "MODE", default_value = "pd_ee_delta_pose", value_parser = DEMO_MODE_PARSER)]
     pub(crate) control_mode: ControlMode,
+    #[command(flatten)]
+    pub(crate) protocol: ProtocolOptions,
     /// File format of the images
     #[arg(long, value_name = "FORMAT", value_enum, ignore_case = true, default_value_t = ImageFormat::Jpeg)]
     pub(crate) images: ImageFormat,
@@ -75,6 +77,13 @@ pub(crate) fn demos(args: &DemosArgs) -> Result<ExitStatus, Failure> {
     for &task in &tasks {
         Condition::new(task, perturbation).or_user()?;
     }
+    if args.protocol.end.is_some() {
+        return Err(anyhow!("--end: demonstrations end with the expert's plan; omit it")).or_user();
+    }
+    let mut options = RunConfig::default().results;
+    options.protocol = args.protocol.resolve(None);
+    let language = Language::read(&options).or_user()?;
+    tasks.iter().try_for_each(|task| language.require(task.task(), profile)).or_user()?;
     let morphology = Morphology::Single;
     let single_arm = DatasetSettings {
         code: build_identity::CODE.to_owned(),
@@ -85,8 +94,9 @@ pub(crate) fn demos(args: &DemosArgs) -> Result<ExitStatus, Failure> {
         profile,
         seed,
         images,
+        protocol: options.protocol,
     };
-    let plan = DemoPlan { tasks, episodes: args.episodes, single_arm };
+    let plan = DemoPlan { tasks, episodes: args.episodes, single_arm, language };
     let n_threads = match args.threads {
         Some(threads) => threads as usize,
         None => n_cores() as usize,

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use run_config::trace;
+use run_config::{Protocol, trace};
 use serde_json::{Value, json};
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};
@@ -89,6 +89,9 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitStatus, Failure> {
 }
 
 fn print_notes(manifest: &Manifest) {
+    if manifest.options.protocol != Protocol::default() {
+        print_message(&manifest.options.protocol.to_string());
+    }
     for (name, identity) in &manifest.policies {
         identity.notes.iter().for_each(|note| print_message(&format!("policy `{name}`: {note}")));
     }

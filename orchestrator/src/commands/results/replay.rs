@@ -10,7 +10,7 @@ use run_config::Samples;
 use sim::TaskId;
 use sim::perturb::Composition;
 use sim::scene::stream::Stream;
-use sim::show::HighResScene;
+use sim::show::SCALES;
 
 use crate::commands::results::trajectory;
 use crate::console::exit::{ExitStatus, Failure, OrUser};
@@ -225,7 +225,7 @@ fn write_episodes(
 }
 
 fn parse_scale(typed: &str) -> Result<usize, String> {
-    let scales = HighResScene::SCALES;
+    let scales = SCALES;
     typed
         .parse()
         .ok()

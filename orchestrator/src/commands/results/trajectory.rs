@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::ensure;
+use ipc_types::ImageSizes;
 use serde::Serialize;
 use sim::Profile;
 use sim::demo::Recording;
@@ -43,7 +44,7 @@ pub(crate) fn print(start: &Path, actions: &Path, json: bool) -> Result<ExitStat
 pub(crate) fn record(start: &Path, actions: &Path) -> anyhow::Result<ReplayedEpisode> {
     let (start, actions) = read(start, actions)?;
     let recording = Recording::from_start(&start, &actions)?;
-    Ok(ReplayedEpisode { title: start.task.name().to_owned(), recording })
+    Ok(ReplayedEpisode { title: start.task.name().to_owned(), recording, images: ImageSizes::BENCHMARK })
 }
 
 fn read(start: &Path, actions: &Path) -> anyhow::Result<(Start, Vec<f32>)> {

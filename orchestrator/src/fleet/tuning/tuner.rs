@@ -7,10 +7,10 @@
 //!
 //! cores · u / (s + (r + w) / k + t)
 //!
-//! with the fraction u that the children used of the core time that other programs left to them, the core-seconds r of rendering and w of
-//! inference per query and t of everything else per control step, all during the trial, and with the
-//! core-seconds s of physics per control step and the control steps k per query of the whole run: episodes
-//! differ in these by task, not by the number of envs.
+//! with the fraction u that the children used of the core time that other programs left to them, the
+//! core-seconds r of rendering and w of inference per query and t of everything else per control step, all
+//! during the trial, and with the core-seconds s of physics per control step and the control steps k per
+//! query of the whole run: episodes differ in these by task, not by the number of envs.
 //!
 //! The work of a GPU takes no core time, but u falls while the children wait for it. The prediction is then
 //! the speed that the GPU permits, which grows only until its batches are full.
@@ -42,8 +42,8 @@ const BRISK_STEPS_PER_S: f64 = 8.0;
 const BRISK_MIN_SPEED: f64 = 0.85;
 /// Utilisation below which the number grows by more than a factor of 2.
 const LOW_UTILISATION: f64 = 0.5;
-/// Fraction of the core time taken by other programs from which a trial is disturbed. Such a trial counts only if it
-/// shows a gain.
+/// Fraction of the core time taken by other programs from which a trial is disturbed. Such a trial counts
+/// only if it shows a gain.
 const DISTURBANCE: f64 = 0.1;
 /// Time until a choice is checked again, doubled after every check that confirms it.
 const FIRST_CHECK: Duration = Duration::from_secs(20);
@@ -69,7 +69,8 @@ pub(crate) struct WorkSample {
 }
 
 impl WorkSample {
-    /// Makes the sample of a moment `now` at which the children have used `cpu_s` core-seconds, and nobody `idle_s`.
+    /// Makes the sample of a moment `now` at which the children have used `cpu_s` core-seconds, and nobody
+    /// `idle_s`.
     pub(crate) fn new(now: Duration, cpu_s: f64, idle_s: Option<f64>, totals: &Totals) -> Self {
         let sim = totals.sim();
         Self {
@@ -246,9 +247,9 @@ mod tests {
     use super::*;
 
     /// A machine of 2 cores whose costs follow a formula: an env-step takes 0.2 ms; a query takes `fixed_s`
-    /// per batch of half of the envs, and `own_s` per env; the host sleeps for `sleep_s` per batch. A GPU, if
-    /// there is one, takes `gpu_s` per query, but as long as for `gpu_width` queries for less of them. Other programs
-    /// take the fraction `foreign` of the cores.
+    /// per batch of half of the envs, and `own_s` per env; the host sleeps for `sleep_s` per batch. A GPU,
+    /// if there is one, takes `gpu_s` per query, but as long as for `gpu_width` queries for less of them.
+    /// Other programs take the fraction `foreign` of the cores.
     struct FakeMachine {
         fixed_s: f64,
         own_s: f64,

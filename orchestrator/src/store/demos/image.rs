@@ -1,7 +1,8 @@
 //! Image formats of a dataset.
 
-use anyhow::Context;
+use anyhow::bail;
 use clap::ValueEnum;
+use ipc_types::ImageSize;
 use serde::{Deserialize, Serialize};
 
 /// JPEG quality out of 100, without chroma subsampling.
@@ -18,22 +19,24 @@ pub(crate) enum ImageFormat {
 }
 
 impl ImageFormat {
-    /// Encodes an image `[side, side, 3] u8` sRGB.
+    /// Encodes an image `[height, width, 3] u8` sRGB.
     ///
     /// # Errors
     /// If the encoder fails.
-    pub(crate) fn encode(self, pixels: &[u8], side: usize) -> anyhow::Result<Vec<u8>> {
+    pub(crate) fn encode(self, pixels: &[u8], size: ImageSize) -> anyhow::Result<Vec<u8>> {
         let mut file = Vec::new();
         match self {
             Self::Jpeg => {
-                let side = u16::try_from(side).context("the image is too large for JPEG")?;
+                let lengths = [size.width, size.height].map(u16::try_from);
+                let [Ok(width), Ok(height)] = lengths else {
+                    bail!("an image of {size} is too large for JPEG")
+                };
                 let mut encoder = jpeg_encoder::Encoder::new(&mut file, JPEG_QUALITY);
                 encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::F_1_1);
-                encoder.encode(pixels, side, side, jpeg_encoder::ColorType::Rgb)?;
+                encoder.encode(pixels, width, height, jpeg_encoder::ColorType::Rgb)?;
             }
             Self::Png => {
-                let side = u32::try_from(side).context("the image is too large for PNG")?;
-                let mut encoder = png::Encoder::new(&mut file, side, side);
+                let mut encoder = png::Encoder::new(&mut file, size.width as u32, size.height as u32);
                 encoder.set_color(png::ColorType::Rgb);
                 encoder.set_compression(png::Compression::Fast);
                 encoder.write_header()?.write_image_data(pixels)?;

@@ -11,6 +11,7 @@ use ipc_types::Morphology;
 use rayon::prelude::*;
 use sim::TaskId;
 use sim::demo::{DemoError, Recording};
+use sim::perturb::Language;
 use sim::render::{CpuRenderer, RenderScene};
 use sim::scene::stream::episode_seed;
 use sim::show::EpisodeSpec;
@@ -36,6 +37,8 @@ pub(crate) struct DemoPlan {
     pub(crate) episodes: u32,
     /// Settings of single-arm episodes. Bimanual ones differ in morphology and control mode.
     pub(crate) single_arm: DatasetSettings,
+    /// Sentences of the tasks.
+    pub(crate) language: Language,
 }
 
 /// The demonstrations of one task.
@@ -156,6 +159,7 @@ impl DemoPlan {
             profile,
             seed,
             images: format,
+            protocol,
             ..
         } = self.settings_of(task.task().morphology);
         let subject = EpisodeSpec { task, perturbation, strength, profile };
@@ -166,7 +170,7 @@ impl DemoPlan {
             Err(error @ DemoError::Mode { .. }) => return Err(error.into()),
         };
         let mut renderer = CpuRenderer::new(rayon::current_num_threads());
-        let view = RenderScene::new(recording.scene());
+        let view = RenderScene::new(recording.scene(), protocol.image_size);
         let mut images: Vec<CameraImages> =
             morphology.camera_names().iter().map(|_| CameraImages::default()).collect();
         for frame in 0..recording.n_frames() {
@@ -174,13 +178,13 @@ impl DemoPlan {
                 return Ok(None);
             }
             let drawn = renderer.render_cameras(&view, recording.snapshot(frame));
-            for (of_camera, (side, pixels)) in images.iter_mut().zip(drawn) {
-                of_camera.push(&pixels, format.encode(&pixels, side)?);
+            for (of_camera, (size, pixels)) in images.iter_mut().zip(drawn) {
+                of_camera.push(&pixels, format.encode(&pixels, size)?);
             }
         }
         Ok(Some(DatasetEpisode {
             task: task.name().to_owned(),
-            instruction: recording.instruction().to_owned(),
+            instruction: subject.instruction(&self.language, seed),
             index,
             fingerprint: recording.fingerprint(),
             actions: recording.actions().to_vec(),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use anyhow::{Context, bail, ensure};
-use ipc_types::ControlMode;
+use ipc_types::{ControlMode, ImageSizes};
 use policy_host::PolicySpec;
 use rusqlite::{Connection, params};
 use serde::de::DeserializeOwned;
@@ -85,6 +85,9 @@ fn read_episodes(connection: &Connection) -> anyhow::Result<Vec<StoredEpisode>> 
     let strength: Strength = entry(connection, "strength")?;
     let single_arm_mode: String = entry(connection, "control_mode")?;
     let single_arm_mode = pick("control mode", &single_arm_mode, &ControlMode::ALL, ControlMode::name)?;
+    let images = manifest::get(connection, "image_size")?;
+    let images = images.map_or(Ok(ImageSizes::BENCHMARK), |text| serde_json::from_str(&text));
+    let images = images.context("its manifest has no valid image_size")?;
     let mut statement = connection.prepare(&schema::recorded())?;
     let mut rows = statement.query([])?;
     let mut episodes = Vec::new();
@@ -110,6 +113,7 @@ fn read_episodes(connection: &Connection) -> anyhow::Result<Vec<StoredEpisode>> 
             index: row.get(Column::Episode as usize)?,
             seed: row.get::<_, i64>(Column::Seed as usize)?.cast_unsigned(),
             mode,
+            images,
             n_steps: row.get(Column::Steps as usize)?,
             fingerprint: text(Column::Fingerprint)?,
         });

@@ -5,8 +5,9 @@ use std::fs::File;
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
-use ipc_types::ControlMode;
+use ipc_types::{ControlMode, ImageSizes};
 use policy_host::PolicySpec;
+use run_config::{EpisodeEnd, ProtocolName};
 use rusqlite::Connection;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
@@ -105,6 +106,12 @@ fn read_manifest(
     check_option::<u64>(&manifest, "seed")?;
     check_option::<ControlMode>(&manifest, "control_mode")?;
     check_option::<u32>(&manifest, "latency")?;
+    // Files of earlier versions have the protocol that was the only one.
+    if manifest.contains_key("protocol") {
+        check_option::<ProtocolName>(&manifest, "protocol")?;
+        check_option::<ImageSizes>(&manifest, "image_size")?;
+        check_option::<EpisodeEnd>(&manifest, "end")?;
+    }
     let shared = manifest::SHARED_EXECUTION.map(|key| (key, manifest.remove(key)));
     let entry = |key: &str| {
         let value = shared.iter().find(|(name, _)| *name == key).and_then(|(_, value)| value.as_ref());

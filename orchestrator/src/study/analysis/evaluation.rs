@@ -49,10 +49,10 @@ pub(crate) struct RowIdx {
 #[derive(Debug, Error)]
 pub(crate) enum EvaluationError {
     #[error(
-        "{} and {} cannot be compared: {key} is {} in the first and {} in the second{}",
-        files[0].display(), files[1].display(), show(values[0].as_ref()), show(values[1].as_ref()), hint(key)
+        "{} and {} cannot be compared: {}{}",
+        files[0].display(), files[1].display(), list(differences), hint(differences)
     )]
-    Manifest { files: Box<[PathBuf; 2]>, key: String, values: Box<[Option<Value>; 2]> },
+    Manifest { files: Box<[PathBuf; 2]>, differences: Vec<(String, [Option<Value>; 2])> },
     #[error("{}: policy `{name}` has episodes, but the manifest does not describe it", path.display())]
     UnknownPolicy { name: String, path: PathBuf },
     #[error(
@@ -82,11 +82,20 @@ fn show(value: Option<&Value>) -> String {
     value.map_or_else(|| "not given".to_owned(), Value::to_string)
 }
 
-fn hint(key: &str) -> String {
-    match key {
-        "version" => String::new(),
-        "seed" => "; to pool the episodes of several seeds, add --across seed".to_owned(),
-        key => format!("; if this difference is what you want to compare, add --across {key}"),
+/// Returns the options that differ, each with its values in both files.
+fn list(differences: &[(String, [Option<Value>; 2])]) -> String {
+    let difference = |(key, [first, second]): &(String, [Option<Value>; 2])| {
+        format!("{key} is {} in the first and {} in the second", show(first.as_ref()), show(second.as_ref()))
+    };
+    differences.iter().map(difference).collect::<Vec<_>>().join(", ")
+}
+
+fn hint(differences: &[(String, [Option<Value>; 2])]) -> String {
+    let keys: Vec<&str> = differences.iter().map(|(key, _)| key.as_str()).collect();
+    match keys.as_slice() {
+        keys if keys.contains(&"version") => String::new(),
+        ["seed"] => "; to pool the episodes of several seeds, add --across seed".to_owned(),
+        keys => format!("; if this is what you want to compare, add --across {}", keys.join(",")),
     }
 }
 
@@ -303,17 +312,20 @@ fn check_manifests(
     let mut keys: Vec<&String> = first.manifest.keys().chain(second.manifest.keys()).collect();
     keys.sort();
     keys.dedup();
-    for key in keys.into_iter().filter(|key| !CIRCUMSTANCES.contains(&key.as_str()) && !across.contains(key))
-    {
-        let values = Box::new([option(first, key), option(second, key)]);
+    let checked =
+        keys.into_iter().filter(|key| !CIRCUMSTANCES.contains(&key.as_str()) && !across.contains(key));
+    let differences = checked.filter_map(|key| {
+        let values = [option(first, key), option(second, key)];
         // A file without policies that read images has no renderer.
         let is_free = key == "renderer" && values.contains(&None);
-        if values[0] != values[1] && !is_free {
-            let files = Box::new([first.path.clone(), second.path.clone()]);
-            return Err(EvaluationError::Manifest { files, key: key.clone(), values });
-        }
+        (values[0] != values[1] && !is_free).then(|| (key.clone(), values))
+    });
+    let differences: Vec<_> = differences.collect();
+    if differences.is_empty() {
+        return Ok(());
     }
-    Ok(())
+    let files = Box::new([first.path.clone(), second.path.clone()]);
+    Err(EvaluationError::Manifest { files, differences })
 }
 
 /// Reads the files of an analysis.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use ipc_types::ImageSize;
 use serde::Deserialize;
 
 use crate::formats::error::CheckpointError;
@@ -53,9 +54,12 @@ impl InputFeature {
         Self { source: name.clone(), name, shape, kind }
     }
 
-    /// Returns `false` for a camera whose images are not square.
-    pub(crate) fn is_square(&self) -> bool {
-        self.kind != FeatureKind::Visual || !matches!(self.shape[..], [_, height, width] if height != width)
+    /// Returns the size of a camera's images.
+    pub(crate) fn image_size(&self) -> Option<ImageSize> {
+        match self.shape[..] {
+            [_, height, width] if self.kind == FeatureKind::Visual => Some(ImageSize { width, height }),
+            _ => None,
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Hyperparameters of an ACT network and its normalisation, independent of the checkpoint format.
 
+use ipc_types::ImageSize;
 use ipc_types::layout::MAX_ACTION_DIM;
 
 use crate::formats::scaling::ShiftScale;
@@ -44,15 +45,6 @@ pub struct Normalisation {
     pub action: Option<ShiftScale>,
 }
 
-/// Height and width of an image or feature map, in pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ImageSize {
-    /// Number of rows.
-    pub height: usize,
-    /// Number of pixels in a row.
-    pub width: usize,
-}
-
 /// A ResNet of basic blocks (two 3×3 convolutions each), without the classifier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResNet {
@@ -95,19 +87,12 @@ pub struct InvalidHyperparameter {
 /// Base-2 logarithm of the backbone's total stride: one feature covers 32 × 32 pixels.
 const BACKBONE_STRIDE_LOG2: u32 = 5;
 
-impl ImageSize {
-    /// Returns the size of the backbone's last feature map: halved five times, rounding up.
-    #[must_use]
-    pub fn features(self) -> Self {
-        let halved = |side: usize| (0..BACKBONE_STRIDE_LOG2).fold(side, |side, _| side.div_ceil(2));
-        Self { height: halved(self.height), width: halved(self.width) }
-    }
-
-    /// Returns the number of pixels.
-    #[must_use]
-    pub const fn n_pixels(self) -> usize {
-        self.height * self.width
-    }
+/// Returns the size of the backbone's last feature map for images of this size: halved five times, rounding
+/// up.
+#[must_use]
+pub fn features(image: ImageSize) -> ImageSize {
+    let halved = |side: usize| (0..BACKBONE_STRIDE_LOG2).fold(side, |side, _| side.div_ceil(2));
+    ImageSize { height: halved(image.height), width: halved(image.width) }
 }
 
 impl ResNet {
@@ -175,7 +160,7 @@ impl Architecture {
     /// Returns the number of image tokens of all cameras.
     #[must_use]
     pub fn n_image_tokens(&self) -> usize {
-        self.cameras.iter().map(|size| size.features().n_pixels()).sum()
+        self.cameras.iter().map(|size| features(*size).n_pixels()).sum()
     }
 
     /// Returns the number of tokens with a learned position embedding: latent, state and, with

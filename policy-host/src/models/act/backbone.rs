@@ -2,7 +2,9 @@
 
 use std::ops::Range;
 
-use super::architecture::{Architecture, ImageSize, Normalisation};
+use ipc_types::ImageSize;
+
+use super::architecture::{Architecture, Normalisation};
 use super::checkpoint::tensors::BACKBONE;
 use super::image::{Image, ImageScratch, Preprocessor};
 use super::team::in_bands;

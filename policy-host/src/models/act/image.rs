@@ -3,17 +3,11 @@
 
 use std::ops::Range;
 
-use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
+use ipc_types::ImageSize;
 
-use super::architecture::ImageSize;
 use crate::formats::scaling::ShiftScale;
 use crate::nn::conv::feature_map::FeatureMapShape;
 
-/// Image sizes that occur in an observation.
-pub const IMAGE_SIZES: [ImageSize; 2] = [
-    ImageSize { height: EXTERNAL_SIDE, width: EXTERNAL_SIDE },
-    ImageSize { height: HAND_SIDE, width: HAND_SIDE },
-];
 /// Padding of the first convolution, in pixels.
 const STEM_PADDING: usize = 3;
 

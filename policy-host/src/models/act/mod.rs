@@ -16,7 +16,6 @@ mod transformer;
 
 #[cfg(feature = "gpu")]
 pub use self::gpu::GpuActPolicy;
-pub use self::image::IMAGE_SIZES;
 pub use self::policy::ActPolicy;
 use super::family::NetworkFamily;
 use crate::nn::Precision;
@@ -30,7 +29,11 @@ pub(crate) const FAMILY: NetworkFamily = NetworkFamily {
     answer_timeout_s: None,
     check: policy::check,
     long_prompts: |_, _| Ok(Vec::new()),
-    load: |source, n_threads, robots| Ok(Box::new(ActPolicy::load(source, n_threads, robots)?)),
+    load: |source, n_threads, robots, images| {
+        Ok(Box::new(ActPolicy::load(source, n_threads, robots, images)?))
+    },
     #[cfg(feature = "gpu")]
-    load_on_gpu: |source, gpu, robots| Ok(Box::new(GpuActPolicy::load(gpu, &source.folder, robots)?)),
+    load_on_gpu: |source, gpu, robots, images| {
+        Ok(Box::new(GpuActPolicy::load(gpu, &source.folder, robots, images)?))
+    },
 };

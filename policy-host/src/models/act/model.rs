@@ -3,9 +3,10 @@
 use std::f64::consts::TAU;
 use std::path::Path;
 
+use ipc_types::ImageSize;
 use rayon::prelude::*;
 
-use super::architecture::{Architecture, ImageSize, Normalisation, TokenProjection};
+use super::architecture::{Architecture, Normalisation, TokenProjection, features};
 use super::backbone::{Backbone, BackboneScratch};
 use super::checkpoint::ActCheckpoint;
 use super::image::Image;
@@ -211,7 +212,7 @@ pub(crate) fn positions(architecture: &Architecture, state_dict: &StateDict) -> 
     let width = architecture.hidden_dim;
     let learned = state_dict.get("additional_pos_embed.weight");
     let images: Vec<f32> =
-        architecture.cameras.iter().flat_map(|size| sine_encoding(size.features(), width)).collect();
+        architecture.cameras.iter().flat_map(|size| sine_encoding(features(*size), width)).collect();
     let n_always = 1 + usize::from(architecture.state_dim.is_some());
     let always = &learned[..n_always * width];
     let zero_position = match architecture.instruction.map(|input| input.projection) {

@@ -7,20 +7,19 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use ipc_types::{ControlMode, Morphology, ObservationView};
+use ipc_types::{ControlMode, ImageSizes, Morphology, ObservationView};
 use rayon::prelude::*;
 use run_config::QueryOptions;
 use run_config::trace::{self, Activity};
 
-use super::architecture::ImageSize;
 use super::checkpoint::{StoredNetwork, load_networks, open_all};
-use super::image::{IMAGE_SIZES, Image};
+use super::image::Image;
 use super::leading::TokenCache;
 use super::model::{ActInput, ActModel, ActScratch};
 use crate::formats::folder::{NetworkCheck, check_networks};
-use crate::formats::{CheckpointFolderError, ObservationMapping};
+use crate::formats::{CheckpointFolderError, ObservationMapping, PolicyCheck};
 use crate::models::family::NetworkSource;
-use crate::policy::{ActionChunk, ChunkRows, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyCheck, PolicyError};
+use crate::policy::{ActionChunk, ChunkRows, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError};
 use crate::text::TextEncoder;
 
 /// Maximum number of samples whose images one thread takes through the backbone together. Each kernel is then
@@ -70,16 +69,16 @@ pub(crate) fn check(
     let mut networks = Vec::new();
     for mut checkpoint in open_all(&source.folder)? {
         checkpoint.check_values()?;
-        let &ObservationMapping { morphology, control_mode, .. } = checkpoint.mapping()?;
+        let mapping = checkpoint.mapping()?.clone();
         checkpoint.check_text_encoder()?;
         let (chunk, notes) = (checkpoint.chunk_settings(), checkpoint.notes().to_vec());
-        networks.push(NetworkCheck { morphology, control_mode, chunk, notes });
+        networks.push(NetworkCheck { mapping, chunk, notes });
     }
     check_networks(&source.folder, networks, robots, requested)
 }
 
 impl ActPolicy {
-    /// Loads the networks for `robots`, for up to `n_threads` threads.
+    /// Loads the networks for `robots`, for up to `n_threads` threads and images of these sizes.
     ///
     /// # Errors
     /// The first file or tensor that is missing, unexpected or damaged.
@@ -87,11 +86,12 @@ impl ActPolicy {
         source: &NetworkSource,
         n_threads: usize,
         robots: &[Morphology],
+        images: ImageSizes,
     ) -> Result<Self, CheckpointFolderError> {
         let precision = source.precision;
         let networks = load_networks(&source.folder, robots, |stored| {
             let StoredNetwork { architecture, normalisation, state_dict, .. } = stored;
-            let model = ActModel::new(architecture, normalisation, &state_dict, precision, &IMAGE_SIZES);
+            let model = ActModel::new(architecture, normalisation, &state_dict, precision, &images.all());
             let network = Network::new(model, stored.mapping, stored.encoder, n_threads);
             Ok::<_, CheckpointFolderError>(Network { ensemble_decay: stored.ensemble_decay, ..network })
         })?;
@@ -210,8 +210,8 @@ impl Worker {
         chunks: &mut [ActionChunk],
     ) {
         let image = |sample: usize, camera: usize| {
-            let (pixels, side) = observation.env(first_env + sample).image(mapping.cameras[camera]);
-            Image { pixels, size: ImageSize { height: side, width: side } }
+            let (pixels, size) = observation.env(first_env + sample).image(mapping.cameras[camera]);
+            Image { pixels, size }
         };
         model.encode_images(chunks.len(), image, &mut self.scratch);
         for (sample, chunk) in chunks.iter_mut().enumerate() {

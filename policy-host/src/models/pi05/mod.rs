@@ -35,7 +35,7 @@ pub(crate) const FAMILY: NetworkFamily = NetworkFamily {
     answer_timeout_s: Some(3600),
     check: policy::check,
     long_prompts: policy::long_prompts,
-    load: |source, _, robots| Ok(Box::new(Pi05Policy::load(source, robots)?)),
+    load: |source, _, robots, _| Ok(Box::new(Pi05Policy::load(source, robots)?)),
     #[cfg(feature = "gpu")]
-    load_on_gpu: |source, gpu, robots| Ok(Box::new(GpuPi05Policy::load(source, gpu, robots)?)),
+    load_on_gpu: |source, gpu, robots, _| Ok(Box::new(GpuPi05Policy::load(source, gpu, robots)?)),
 };

@@ -9,10 +9,10 @@ use super::checkpoint::{Pi05Checkpoint, Pi05Description, is_pi05_folder};
 use super::model::Pi05Model;
 use super::processor::{Pi05Processor, prompt};
 use crate::formats::folder::{NetworkCheck, build_networks, check_networks, checkpoint_folders};
-use crate::formats::{CheckpointError, CheckpointFolderError, ObservationMapping};
+use crate::formats::{CheckpointError, CheckpointFolderError, PolicyCheck};
 use crate::models::family::NetworkSource;
 use crate::nn::Precision;
-use crate::policy::{ActionChunk, Policy, PolicyCheck, PolicyError};
+use crate::policy::{ActionChunk, Policy, PolicyError};
 
 /// Samples that are computed together, and read the weights once. It bounds the memory of a batch.
 const SAMPLES_PER_BATCH: usize = 8;
@@ -47,9 +47,7 @@ pub(crate) fn check(
     let mut networks = Vec::new();
     for checkpoint in open(&source.folder)? {
         let Pi05Description { mapping, chunk, notes, .. } = checkpoint.description();
-        let (&chunk, notes) = (chunk, notes.clone());
-        let &ObservationMapping { morphology, control_mode, .. } = mapping;
-        networks.push(NetworkCheck { morphology, control_mode, chunk, notes });
+        networks.push(NetworkCheck { mapping: mapping.clone(), chunk: *chunk, notes: notes.clone() });
         checkpoint.tokenizer()?;
         checkpoint.check_memory(source.precision)?;
     }

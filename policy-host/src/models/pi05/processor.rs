@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::fmt::Write;
 
-use ipc_types::ObservationView;
+use ipc_types::{ImageSize, ObservationView};
 use rayon::prelude::*;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -42,7 +42,7 @@ pub(crate) struct Pi05Batch {
 /// The distinct images of a batch, found by content: an image that several envs see is encoded once.
 #[derive(Debug, Default)]
 struct DistinctImages<'a> {
-    images: Vec<(&'a [u8], usize)>,
+    images: Vec<(&'a [u8], ImageSize)>,
     by_hash: HashMap<u64, Vec<usize>>,
 }
 
@@ -86,7 +86,7 @@ impl Pi05Processor {
         first_env: usize,
         prompts: &[Vec<u32>],
     ) -> Pi05Batch {
-        let Pi05Description { architecture, mapping, .. } = &self.description;
+        let Pi05Description { architecture, mapping, bars, .. } = &self.description;
         let chunk_len = architecture.horizon * architecture.action_width;
         let mut distinct = DistinctImages::default();
         let mut samples = Vec::with_capacity(prompts.len());
@@ -97,7 +97,7 @@ impl Pi05Processor {
             samples.push(SampleTokens { images, prompt: prompt.clone() });
             draw_noise(env.record.policy_seed, env.record.query, noise);
         }
-        Pi05Batch { images: distinct.resize(architecture.image_side()), samples, noise }
+        Pi05Batch { images: distinct.resize(architecture.image_side(), *bars), samples, noise }
     }
 
     /// Writes the robot's part of denoised `actions [n, horizon, action_width]`, one chunk per element of
@@ -136,24 +136,24 @@ impl Pi05Batch {
 
 impl<'a> DistinctImages<'a> {
     /// Returns the index of an image, adding it if no image with the same content is there yet.
-    fn add(&mut self, (pixels, side): (&'a [u8], usize)) -> usize {
-        let same_hash = self.by_hash.entry(xxh3_64(pixels)).or_default();
-        if let Some(&idx) = same_hash.iter().find(|&&idx| self.images[idx] == (pixels, side)) {
+    fn add(&mut self, image: (&'a [u8], ImageSize)) -> usize {
+        let same_hash = self.by_hash.entry(xxh3_64(image.0)).or_default();
+        if let Some(&idx) = same_hash.iter().find(|&&idx| self.images[idx] == image) {
             return idx;
         }
         same_hash.push(self.images.len());
-        self.images.push((pixels, side));
+        self.images.push(image);
         self.images.len() - 1
     }
 
-    /// Returns the images as the network's input, `[n, 3, side, side]`.
-    fn resize(&self, side: usize) -> Vec<f32> {
+    /// Returns the images as the network's input, `[n, 3, side, side]`, with `bars` beside those that are not
+    /// square.
+    fn resize(&self, side: usize, bars: f32) -> Vec<f32> {
         let image_len = 3 * side * side;
         let mut planes = vec![0.0; self.images.len() * image_len];
         let jobs = planes.par_chunks_exact_mut(image_len).zip(&self.images);
-        jobs.for_each(|(planes, &(pixels, own_side))| {
-            let size = [own_side; 2];
-            resize_with_pad(pixels, size, side, planes);
+        jobs.for_each(|(planes, &(pixels, size))| {
+            resize_with_pad(pixels, [size.height, size.width], side, bars, planes);
         });
         planes
     }
@@ -184,6 +184,7 @@ fn bin(x: f32) -> i64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::models::pi05::image::BLACK;
 
     #[test]
     fn values_fall_into_bins_of_equal_width() {
@@ -213,8 +214,9 @@ mod tests {
         let (first, second) = (vec![1_u8; 12], vec![2_u8; 12]);
         let copy = first.clone();
         let mut distinct = DistinctImages::default();
-        let found = [&first, &second, &copy, &first].map(|pixels| distinct.add((pixels, 2)));
+        let found =
+            [&first, &second, &copy, &first].map(|pixels| distinct.add((pixels, ImageSize::square(2))));
         assert_eq!(found, [0, 1, 0, 0]);
-        assert_eq!(distinct.resize(2).len(), 2 * 3 * 4);
+        assert_eq!(distinct.resize(2, BLACK).len(), 2 * 3 * 4);
     }
 }

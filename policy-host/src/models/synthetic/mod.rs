@@ -20,15 +20,16 @@ mod pi05;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use ipc_types::ImageSizes;
 use safetensors::tensor::{Dtype, TensorView};
 use thiserror::Error;
 
 pub use self::pi05::{pi05_bytes, write_pi05_checkpoint};
+use super::act::ActPolicy;
 use super::act::architecture::{Architecture, InvalidHyperparameter};
 use super::act::checkpoint::colosseum::ActConfig;
 use super::act::checkpoint::tensors::tensor_specs;
 use super::act::model::ActModel;
-use super::act::{ActPolicy, IMAGE_SIZES};
 use crate::generated::{fnv1a64, splitmix64, sym};
 use crate::nn::Precision;
 use crate::text::TextEncoder;
@@ -67,7 +68,13 @@ pub fn state_dict(architecture: &Architecture, seed: u64) -> StateDict {
 pub fn policy(config: &ActConfig, seed: u64, precision: Precision, n_threads: usize) -> ActPolicy {
     let architecture = config.architecture();
     let state_dict = state_dict(&architecture, seed);
-    let model = ActModel::new(architecture, config.raw_normalisation(), &state_dict, precision, &IMAGE_SIZES);
+    let model = ActModel::new(
+        architecture,
+        config.raw_normalisation(),
+        &state_dict,
+        precision,
+        &ImageSizes::BENCHMARK.all(),
+    );
     let encoder = config.language.as_ref().map(|language| {
         TextEncoder::open(language, Path::new(""))
             .expect("a synthetic checkpoint uses an encoder without files")

@@ -120,6 +120,7 @@ fn configuration(architecture: &Pi05Architecture, morphology: Morphology) -> [(&
                 "max_action_dim": architecture.action_width,
                 "image_resolution": [side, side],
                 "dtype": "bfloat16",
+                "use_relative_actions": false,
             }),
         ),
         ("policy_preprocessor.json", json!({"name": "policy_preprocessor", "steps": before})),

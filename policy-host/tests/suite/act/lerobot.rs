@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use ipc_types::{ControlMode, Morphology, ObservationView};
-use policy_host::models::act::architecture::ImageSize;
+use ipc_types::{ControlMode, ImageSize, Morphology, ObservationView};
 use policy_host::models::act::checkpoint::ActCheckpoint;
 use policy_host::models::act::image::Image;
 use policy_host::models::act::model::{ActInput, ActModel};

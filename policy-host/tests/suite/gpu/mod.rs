@@ -5,7 +5,7 @@ mod sequences;
 
 use std::path::Path;
 
-use ipc_types::Morphology;
+use ipc_types::{ImageSizes, Morphology};
 use policy_host::models::act::GpuActPolicy;
 use policy_host::models::act::checkpoint::colosseum::ActConfig;
 use policy_host::nn::gpu::{AdapterKind, GpuDevice};
@@ -26,7 +26,7 @@ fn policy() -> GpuActPolicy {
 }
 
 fn load(folder: &Path, robots: &[Morphology]) -> GpuActPolicy {
-    GpuActPolicy::load(device(), folder, robots).unwrap()
+    GpuActPolicy::load(device(), folder, robots, ImageSizes::BENCHMARK).unwrap()
 }
 
 /// Opens the device of the tests: a software driver, unless the environment variable `HYPOGEUM_TEST_DEVICE`

@@ -3,9 +3,12 @@
 use std::path::Path;
 
 use ipc_types::Morphology;
+use policy_host::formats::mapping::PromptState;
+use policy_host::models::pi05::checkpoint::Pi05Checkpoint;
 use policy_host::{ActionChunk, PolicySpec, QueryMode, load};
 use run_config::error_chain;
 use safetensors::tensor::TensorView;
+use serde_json::Value;
 use tempfile::TempDir;
 
 use super::{Rewritten, copy_of, rewrite};
@@ -163,4 +166,33 @@ fn unsupported_configurations_are_named() {
     assert_contains(&error_of(folder.path()), &["vision_heads", "5", "24"]);
     let empty = TempDir::new().unwrap();
     assert_contains(&error_of(empty.path()), &["no checkpoint in", "single"]);
+}
+
+#[test]
+fn prompt_convention_follows_from_the_version() {
+    let folder = copy_of("robot");
+    let described = || {
+        let checkpoint = Pi05Checkpoint::open(folder.path()).unwrap();
+        let description = checkpoint.description();
+        (description.prompt_state, description.bars, description.notes.join("; "))
+    };
+    let (prompt_state, bars, notes) = described();
+    assert_eq!((prompt_state, bars), (PromptState::Unpadded, -1.0));
+    assert!(!notes.contains("was written by"), "{notes}");
+    let config = folder.path().join("config.json");
+    let mut settings: Value = serde_json::from_slice(&std::fs::read(&config).unwrap()).unwrap();
+    settings.as_object_mut().unwrap().remove("use_relative_actions");
+    std::fs::write(&config, settings.to_string()).unwrap();
+    let (prompt_state, bars, notes) = described();
+    assert_eq!((prompt_state, bars), (PromptState::Padded, -3.0));
+    assert_contains(&notes, &["written by LeRobot before 0.5.1", "no `use_relative_actions`"]);
+    let training = folder.path().join("train_config.json");
+    std::fs::write(&training, r#"{"seed": 1000}"#).unwrap();
+    let (prompt_state, _, notes) = described();
+    assert_eq!(prompt_state, PromptState::Padded);
+    assert_contains(&notes, &["train_config.json has no `cudnn_deterministic`"]);
+    std::fs::write(&training, r#"{"cudnn_deterministic": false}"#).unwrap();
+    assert_eq!(described().0, PromptState::Unpadded);
+    std::fs::write(&training, "[").unwrap();
+    assert_contains(&error_of(folder.path()), &["train_config.json"]);
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use ipc_types::EnvRecord;
+use ipc_types::{EnvRecord, ImageSizes};
 use policy_host::load_on;
 use policy_host::policy::{ActionChunk, Policy, PolicyError, PolicyPipeline};
 
@@ -21,7 +21,7 @@ const CASES: [(&str, Option<&[&str]>); 4] = [
 fn policy() -> Box<dyn Policy> {
     let spec: PolicySpec = format!("pi05:{}", data("pi05/robot").display()).parse().unwrap();
     let robots = [Morphology::Single];
-    load_on(&spec, device_choice().into(), 1, QueryMode::Chunk, &robots).unwrap()
+    load_on(&spec, device_choice().into(), 1, QueryMode::Chunk, (&robots, ImageSizes::BENCHMARK)).unwrap()
 }
 
 /// Returns observations whose prompts have two lengths. Those of 19 envs exceed what the device computes at a

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use ipc_types::Morphology;
 use policy_host::formats::mapping::PromptState;
 use policy_host::models::pi05::checkpoint::{Pi05Checkpoint, Pi05Description};
-use policy_host::models::pi05::image::resize_with_pad;
+use policy_host::models::pi05::image::{BLACK, resize_with_pad};
 use policy_host::models::pi05::model::{Pi05Input, Pi05Trace, SampleTokens};
 use policy_host::models::pi05::processor::prompt;
 use policy_host::nn::Precision;
@@ -115,8 +115,8 @@ fn generated_inputs(checkpoint: &Pi05Checkpoint, n: usize) -> Inputs {
     let batch = ObservationBatch::of(Morphology::Single, &(0..n as u32).collect::<Vec<_>>());
     let view = batch.view();
     let image = |env: usize, camera: usize| {
-        let (pixels, side) = view.env(env).image(camera);
-        (pixels.to_vec(), [side; 2])
+        let (pixels, size) = view.env(env).image(camera);
+        (pixels.to_vec(), [size.height, size.width])
     };
     Inputs {
         images: (0..n)
@@ -169,7 +169,7 @@ fn prepare(
         let mut indices = Vec::new();
         for (image, size) in &inputs.images[sample] {
             let mut planes = vec![0.0; 3 * side * side];
-            resize_with_pad(image, *size, side, &mut planes);
+            resize_with_pad(image, *size, side, BLACK, &mut planes);
             indices.push(pixels.len() / planes.len());
             pixels.extend(planes);
         }
@@ -379,4 +379,14 @@ fn rewrite(from: &Path, to: &Path, change: impl Fn(&str, &TensorView<'_>) -> Opt
         (name.as_str(), TensorView::new(*dtype, shape.clone(), bytes).unwrap())
     });
     safetensors::serialize_to_file(views, None, to).unwrap();
+}
+
+#[test]
+fn wide_image_has_bars_above_and_below() {
+    let mut planes = vec![0.0; 3 * 4 * 4];
+    resize_with_pad(&[255; 4 * 2 * 3], [2, 4], 4, -3.0, &mut planes);
+    for plane in planes.chunks_exact(16) {
+        let rows: Vec<f32> = plane.chunks_exact(4).map(|row| row[0]).collect();
+        assert_eq!(rows, [-3.0, 1.0, 1.0, -3.0]);
+    }
 }

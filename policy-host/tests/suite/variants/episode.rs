@@ -4,7 +4,7 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
-use ipc_types::{ControlMode, EnvRecord, Morphology};
+use ipc_types::{ControlMode, EnvRecord, ImageSizes, Morphology};
 use policy_host::{ActionChunk, LoadError, Policy, PolicyError, PolicySpec, check, load};
 use run_config::{Execution, QueryOptions, error_chain};
 
@@ -35,7 +35,9 @@ pub(crate) fn run(folder: &tempfile::TempDir, kind: &str, n_values: usize) -> Re
     let Execution { mode, execute } = found.execution.expect("a checkpoint decides");
     let mut policy = load(&spec, 1, mode, &[Morphology::Single]).map_err(error)?;
     let actions = execute_steps(&mut *policy, execute, n_values).map_err(|error| error_chain(&error))?;
-    Ok(VariantEpisode { actions, notes: found.notes })
+    let differences =
+        found.mappings.iter().filter_map(|mapping| mapping.image_differences(ImageSizes::BENCHMARK));
+    Ok(VariantEpisode { actions, notes: found.notes.into_iter().chain(differences).collect() })
 }
 
 fn execute_steps(policy: &mut dyn Policy, execute: u32, n_values: usize) -> Result<Vec<f32>, PolicyError> {

@@ -1,5 +1,7 @@
 //! Depth and segmentation images for tools. Policies never receive either.
 
+use ipc_types::ImageSize;
+
 use super::renderer::CpuRenderer;
 use super::transform::TransformInstances;
 use super::visibility::raster::{NO_ID, Visibility};
@@ -28,10 +30,10 @@ pub enum Segment {
 /// Depth and segmentation images of one camera, sampled at the pixel centres.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inspection {
-    /// `[side, side] f32`, row-major, top row first: depth along the optical axis in m, infinite at
+    /// `[height, width] f32`, row-major, top row first: depth along the optical axis in m, infinite at
     /// background pixels.
     pub depth_m: Vec<f32>,
-    /// `[side, side]`, in the order of `depth_m`: the visible object of each pixel.
+    /// `[height, width]`, in the order of `depth_m`: the visible object of each pixel.
     pub segments: Vec<Segment>,
 }
 
@@ -55,22 +57,22 @@ impl CpuRenderer {
             });
             workspace.clear::<Tile4x4>(context);
             workspace.rasterize::<Tile4x4>(context, 0..scene.instances.len());
-            untile(&workspace.visibility, scene)
+            untile(&workspace.visibility, scene, camera.size)
         })
     }
 }
 
 /// Converts the tiles of a visibility buffer to row-major images.
-fn untile(visibility: &Visibility, scene: &RenderScene) -> Inspection {
-    let side = visibility.side as usize;
-    let pitch = side >> Tile4x4::WIDTH_BITS;
-    let mut depth_m = vec![f32::INFINITY; side * side];
-    let mut segments = vec![Segment::Nothing; side * side];
+fn untile(visibility: &Visibility, scene: &RenderScene, size: ImageSize) -> Inspection {
+    let [pitch, _] = visibility.pixel_tiles(1);
+    let mut depth_m = vec![f32::INFINITY; size.n_pixels()];
+    let mut segments = vec![Segment::Nothing; size.n_pixels()];
     for (tile, (depths, ids)) in visibility.depths.iter().zip(&visibility.ids).enumerate() {
         let (left, top) = ((tile % pitch) << Tile4x4::WIDTH_BITS, (tile / pitch) << Tile4x4::HEIGHT_BITS);
         for (lane, (&depth, &id)) in depths.0.iter().zip(&ids.0).enumerate() {
-            if id != NO_ID {
-                let pixel = (top + Tile4x4::Y.0[lane] as usize) * side + left + Tile4x4::X.0[lane] as usize;
+            let (x, y) = (left + Tile4x4::X.0[lane] as usize, top + Tile4x4::Y.0[lane] as usize);
+            if id != NO_ID && x < size.width && y < size.height {
+                let pixel = y * size.width + x;
                 depth_m[pixel] = 1.0 / depth;
                 segments[pixel] = segment_of(scene, id as u32);
             }

@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
+use ipc_types::ImageSize;
 use rayon::prelude::*;
 
 use super::cache::shared_cache::SharedCache;
@@ -77,13 +78,13 @@ impl CpuRenderer {
         self.render_envs(&self.first_views, views);
     }
 
-    /// Renders the images of all cameras of a scene. Returns, per camera, the side in px and the image,
-    /// `[side, side, 3] u8` sRGB.
+    /// Renders the images of all cameras of a scene. Returns, per camera, the size and the image,
+    /// `[height, width, 3] u8` sRGB.
     ///
     /// # Panics
     /// If the snapshot does not belong to the scene.
     #[must_use]
-    pub fn render_cameras(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
+    pub fn render_cameras(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(ImageSize, Vec<u8>)> {
         self.render_camera_range(scene, snapshot, 0..scene.n_cameras())
     }
 
@@ -97,9 +98,9 @@ impl CpuRenderer {
         scene: &RenderScene,
         snapshot: &Snapshot,
         cameras: Range<usize>,
-    ) -> Vec<(usize, Vec<u8>)> {
-        let sides = cameras.clone().map(|camera_idx| scene.side(camera_idx));
-        let mut images: Vec<_> = sides.map(|side| (side, vec![0; side * side * 3])).collect();
+    ) -> Vec<(ImageSize, Vec<u8>)> {
+        let sizes = cameras.clone().map(|camera_idx| scene.size(camera_idx));
+        let mut images: Vec<_> = sizes.map(|size| (size, vec![0; size.n_bytes()])).collect();
         let views = cameras.zip(&mut images);
         let mut views: Vec<View<'_>> =
             views.map(|(camera_idx, (_, out))| View { scene, snapshot, camera_idx, out }).collect();
@@ -198,7 +199,7 @@ impl Renderer for CpuRenderer {
 
 #[cfg(test)]
 mod tests {
-    use ipc_types::ControlMode;
+    use ipc_types::{ControlMode, ImageSizes};
 
     use super::CpuRenderer;
     use crate::cpu::settings::CpuOptions;
@@ -219,12 +220,12 @@ mod tests {
         scene
     }
 
-    fn images(isa: Isa, options: CpuOptions, scene: &Scene) -> Vec<Vec<u8>> {
+    fn images(isa: Isa, options: CpuOptions, scene: &Scene, sizes: ImageSizes) -> Vec<Vec<u8>> {
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
-        let scene = RenderScene::new(scene);
+        let scene = RenderScene::new(scene, sizes);
         let image = |camera_idx| {
-            let mut out = vec![0; scene.side(camera_idx).pow(2) * 3];
+            let mut out = vec![0; scene.size(camera_idx).n_bytes()];
             let view = View { scene: &scene, snapshot: &snapshot, camera_idx, out: &mut out };
             CpuRenderer::with_isa(1, options, isa).draw(&mut [view]);
             out
@@ -232,19 +233,32 @@ mod tests {
         (0..scene.n_cameras()).map(image).collect()
     }
 
+    fn assert_isas_agree(task: TaskId, sizes: ImageSizes) {
+        for (shadows, samples) in [(false, Samples::One), (true, Samples::One), (true, Samples::Four)] {
+            let scene = textured_scene(task, 3, shadows);
+            let options = CpuOptions { samples, ..CpuOptions::default() };
+            let expected = images(Isa::Portable, options, &scene, sizes);
+            for isa in Isa::available() {
+                assert!(
+                    images(isa, options, &scene, sizes) == expected,
+                    "{isa:?}, {task:?}, {sizes}, {shadows}, {samples:?}"
+                );
+            }
+        }
+    }
+
     #[test]
     fn images_are_identical_on_every_instruction_set() {
         for &task in TaskId::ALL {
-            for (shadows, samples) in [(false, Samples::One), (true, Samples::One), (true, Samples::Four)] {
-                let scene = textured_scene(task, 3, shadows);
-                let options = CpuOptions { samples, ..CpuOptions::default() };
-                let expected = images(Isa::Portable, options, &scene);
-                for isa in Isa::available() {
-                    assert!(
-                        images(isa, options, &scene) == expected,
-                        "{isa:?}, {task:?}, {shadows}, {samples:?}"
-                    );
-                }
+            assert_isas_agree(task, ImageSizes::BENCHMARK);
+        }
+    }
+
+    #[test]
+    fn other_sizes_are_identical_on_every_instruction_set() {
+        for task in [TaskId::RaiseCube, TaskId::PlaceDishInRack, TaskId::DualArmPourPot] {
+            for sizes in ["640x480,wrist=99x65", "64x64,wrist=250x66", "1280x960,wrist=64x67"] {
+                assert_isas_agree(task, sizes.parse().unwrap());
             }
         }
     }

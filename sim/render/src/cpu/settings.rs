@@ -10,9 +10,9 @@ use crate::Samples;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CpuOptions {
     /// `true` to cache, per static camera, a layer with the rendered static geometry, shared by all scenes
-    /// whose static geometry is identical. Does not change any byte. A layer takes 1.1 MB, and 2.5 MB more
-    /// with four samples per pixel. The shadow map of the static geometry is always cached: 0.8 MB, shared
-    /// likewise.
+    /// whose static geometry is identical. Does not change any byte. A layer takes 12 bytes per pixel, and 25
+    /// more with four samples per pixel. The shadow map of the static geometry is always cached: 0.8 MB,
+    /// shared likewise.
     pub static_layers: bool,
     /// Number of visibility samples per pixel.
     pub samples: Samples,

@@ -60,7 +60,7 @@ impl Workspace {
         if !(options.static_layers && camera.is_static()) {
             self.clear::<B>(context);
             self.rasterize::<B>(context, 0..scene.instances.len());
-            self.shade::<B>(context, &lights, shadow, None, ImageSink::new(view.out, camera.side));
+            self.shade::<B>(context, &lights, shadow, None, ImageSink::new(view.out, camera.size));
             return;
         }
         let layer = &*self.layer::<B>(context, view, &lights, map, layers);
@@ -74,7 +74,7 @@ impl Workspace {
             moving: map.map(ShadowMap::moving),
             stale: &mut stale,
         });
-        let sink = OverlaySink::new(&layer.pixels, view.out, camera.side);
+        let sink = OverlaySink::new(&layer.pixels, view.out, camera.size);
         self.shade::<B>(context, &lights, shadow, Some(&stale), sink);
         self.stale = stale;
     }
@@ -125,8 +125,8 @@ impl Workspace {
                 light_bounds: &mut light_bounds,
             });
         }
-        let mut pixels = vec![0; camera.side * camera.side * 3];
-        self.shade::<B>(context, lights, shadow, None, ImageSink::new(&mut pixels, camera.side));
+        let mut pixels = vec![0; camera.size.n_bytes()];
+        self.shade::<B>(context, lights, shadow, None, ImageSink::new(&mut pixels, camera.size));
         StaticLayer {
             view_from_mesh: self.view_from_mesh[..scene.n_static].to_vec(),
             samples: B::SAMPLES,

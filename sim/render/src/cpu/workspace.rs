@@ -13,7 +13,7 @@ use super::simd::isa::Isa;
 use super::visibility::instances::RasterizeInstances;
 use super::visibility::projection::PinholeProjection;
 use super::visibility::raster::{ClearTo, ClearVisibility, Visibility};
-use super::visibility::tile::TileLayout;
+use super::visibility::tile::{Tile4x4, TileLayout};
 use crate::math::affine::Affine3;
 use crate::prepared::RenderScene;
 use crate::prepared::camera::PinholeCamera;
@@ -31,9 +31,6 @@ pub(crate) struct CameraContext<'a> {
 pub(crate) struct Workspace {
     /// Per instance the transform from its mesh to the view frame.
     pub(crate) view_from_mesh: Vec<Affine3>,
-    /// Per rasterised instance the transform from its mesh to the centred frame; used by off-axis cameras
-    /// only.
-    centred_from_mesh: Vec<Affine3>,
     pub(crate) visibility: Visibility,
     pub(crate) surfaces: VisibleSurfaces,
     /// Per pixel tile `true` if it differs from the static layer and must be shaded again.
@@ -51,7 +48,6 @@ impl Workspace {
     pub(crate) fn new() -> Self {
         Self {
             view_from_mesh: Vec::with_capacity(256),
-            centred_from_mesh: Vec::new(),
             visibility: Visibility::new(),
             surfaces: VisibleSurfaces::new(),
             stale: Vec::new(),
@@ -71,21 +67,16 @@ impl Workspace {
         CameraContext { isa, camera, .. }: CameraContext<'_>,
         behind: ClearTo<'_>,
     ) {
-        let side = camera.side * B::SAMPLES_PER_EDGE;
-        isa.run(ClearVisibility { visibility: &mut self.visibility, side, behind, tiles: PhantomData::<B> });
+        let n_tiles = Tile4x4::cover(camera.size).map(|n| n * B::SAMPLES_PER_EDGE);
+        let visibility = &mut self.visibility;
+        isa.run(ClearVisibility { visibility, n_tiles, behind, tiles: PhantomData::<B> });
     }
 
     /// Rasterises the instances `which` into the visibility buffer.
     pub(crate) fn rasterize<B: TileLayout>(&mut self, context: CameraContext<'_>, which: Range<usize>) {
-        let mut transforms = &self.view_from_mesh[which.clone()];
-        if let Some(centring) = context.camera.centring_shear() {
-            self.centred_from_mesh.clear();
-            self.centred_from_mesh.extend(transforms.iter().map(|it| centring.compose(it)));
-            transforms = &self.centred_from_mesh;
-        }
         context.isa.run(RasterizeInstances {
             instances: &context.scene.instances[which.clone()],
-            maps: transforms,
+            maps: &self.view_from_mesh[which.clone()],
             first_ids: &context.scene.first_id[which],
             projection: PinholeProjection::new(context.camera, B::SAMPLES_PER_EDGE),
             visibility: &mut self.visibility,

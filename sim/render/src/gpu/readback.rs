@@ -1,8 +1,10 @@
 //! Asynchronous readback of rendered images.
 
 use gpu::{GpuDevice, GpuError, PendingSubmission, read_mapped};
+use ipc_types::RGB_BYTES;
 use rayon::prelude::*;
 
+use super::chunk::size::{n_device_pixels, whole_tiles};
 use crate::View;
 
 /// A CPU-readable buffer. Two of them alternate between chunks.
@@ -65,12 +67,13 @@ impl Readback {
         self.offsets.clear();
         let mut end = 0;
         self.offsets.extend(views.iter().map(|view| {
-            end += view.out.len();
-            end - view.out.len()
+            let start = end;
+            end += n_device_pixels(view) as usize * RGB_BYTES;
+            start
         }));
         read_mapped(gpu, buffer, pending.n_bytes, |bytes| {
             views.par_iter_mut().zip(&self.offsets).for_each(|(view, offset)| {
-                view.out.copy_from_slice(&bytes[*offset..][..view.out.len()]);
+                copy_image(&bytes[*offset..], view);
             });
         })
     }
@@ -86,5 +89,19 @@ impl Readback {
             })
         });
         self.buffer.insert(buffer).clone()
+    }
+}
+
+/// Copies an image out of its tiles.
+fn copy_image(tiles: &[u8], view: &mut View<'_>) {
+    let width = view.scene.size(view.camera_idx).width;
+    let [pitch, _] = whole_tiles(view.scene.size(view.camera_idx));
+    if pitch as usize == width {
+        view.out.copy_from_slice(&tiles[..view.out.len()]);
+        return;
+    }
+    let rows = view.out.chunks_exact_mut(width * RGB_BYTES);
+    for (row, tiles) in rows.zip(tiles.chunks_exact(pitch as usize * RGB_BYTES)) {
+        row.copy_from_slice(&tiles[..row.len()]);
     }
 }

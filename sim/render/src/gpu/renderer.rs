@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use gpu::{AdapterKind, GpuDevice};
+use ipc_types::ImageSizes;
 
 use super::device::REQUIREMENTS;
 use super::passes::pipeline::ImagePipeline;
@@ -31,17 +32,20 @@ pub struct GpuRenderer {
 }
 
 impl GpuRenderer {
-    /// Opens an adapter of a kind by its index among those of the kind, or the first that can render.
+    /// Opens an adapter of a kind by its index among those of the kind, or the first that can render. Images
+    /// must not be larger than `sizes`.
     ///
     /// # Errors
-    /// If there is none, which lists what was found, or it cannot be opened.
+    /// If there is none, which lists what was found, if it cannot be opened, or if it has no room for the
+    /// images of an env.
     pub fn open(
         kind: AdapterKind,
         index: Option<usize>,
         samples: Samples,
+        sizes: ImageSizes,
     ) -> Result<Self, OpenRendererError> {
         let gpu = GpuDevice::open(kind, index, &REQUIREMENTS)?;
-        let pipeline = ImagePipeline::new(&gpu, kind, samples);
+        let pipeline = ImagePipeline::new(&gpu, kind, samples, sizes)?;
         // Shader compilation errors are reported at this point.
         gpu.check()?;
         let readback = || Readback::new(pipeline.limits.bytes.images);
@@ -77,8 +81,7 @@ impl GpuRenderer {
     fn submit(&mut self, views: &[View<'_>], chunk_idx: usize) -> Result<usize, RenderError> {
         let start = Instant::now();
         let mut encoder = self.gpu.encoder();
-        let (n, images) = self.pipeline.encode(&self.gpu, views, &mut encoder);
-        let n_bytes = views[..n].iter().map(|view| view.out.len() as u64).sum();
+        let (n, images, n_bytes) = self.pipeline.encode(&self.gpu, views, &mut encoder);
         self.readbacks[chunk_idx % 2].submit(&self.gpu, encoder, images, n_bytes);
         self.timings.submit_s += start.elapsed().as_secs_f64();
         self.gpu.check()?;

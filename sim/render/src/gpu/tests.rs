@@ -1,6 +1,6 @@
 //! Behaviour after a device failure, when unused meshes are removed, and in small chunks; device memory.
 
-use ipc_types::ControlMode;
+use ipc_types::{ControlMode, ImageSizes};
 
 use super::chunk::size::ChunkSize;
 use super::{AdapterKind, GpuRenderer};
@@ -22,14 +22,14 @@ impl TestEnv {
         scene.lights.shadows = episode.is_multiple_of(2);
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
-        Self { scene: RenderScene::new(&scene), snapshot }
+        Self { scene: RenderScene::new(&scene, ImageSizes::BENCHMARK), snapshot }
     }
 }
 
 /// Renders all images of envs in one batch.
 fn render_all(renderer: &mut GpuRenderer, envs: &[TestEnv]) -> Vec<Vec<u8>> {
     let cameras =
-        |env: &TestEnv| (0..env.scene.n_cameras()).map(|c| vec![0; env.scene.side(c).pow(2) * 3]).collect();
+        |env: &TestEnv| (0..env.scene.n_cameras()).map(|c| vec![0; env.scene.size(c).n_bytes()]).collect();
     let mut images: Vec<Vec<Vec<u8>>> = envs.iter().map(cameras).collect();
     let views = envs.iter().zip(&mut images).flat_map(|(TestEnv { scene, snapshot }, images)| {
         let images = images.iter_mut().enumerate();
@@ -40,7 +40,7 @@ fn render_all(renderer: &mut GpuRenderer, envs: &[TestEnv]) -> Vec<Vec<u8>> {
 }
 
 fn renderer() -> GpuRenderer {
-    GpuRenderer::open(AdapterKind::Software, None, Samples::One).unwrap()
+    GpuRenderer::open(AdapterKind::Software, None, Samples::One, ImageSizes::BENCHMARK).unwrap()
 }
 
 #[test]
@@ -50,7 +50,7 @@ fn render_fails_permanently_after_device_loss() {
     let mut renderer = renderer();
     render_all(&mut renderer, core::slice::from_ref(&env));
     renderer.gpu.device.destroy();
-    let mut out = vec![0; env.scene.side(0).pow(2) * 3];
+    let mut out = vec![0; env.scene.size(0).n_bytes()];
     for _ in 0..2 {
         let TestEnv { scene, snapshot } = &env;
         let error = renderer.render(&mut [View { scene, snapshot, camera_idx: 0, out: &mut out }]);

@@ -1,25 +1,21 @@
 //! Pinhole cameras. Camera frame: x forward, y left, z up. View frame, in which images are rendered: x right,
 //! y down, z forward. Both are in m.
 
-use ipc_types::{EXTERNAL_SIDE, HAND_SIDE};
+use ipc_types::{ImageSize, ImageSizes};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-use crate::math::affine::{Affine3, Vec3, scaled};
+use crate::math::affine::{Affine3, scaled};
 use crate::math::trig::sin_cos;
 use scene::{self, CameraMount, CameraSlot, Link, Snapshot};
 
-/// A pinhole camera with a square image.
+/// A pinhole camera with square pixels.
 #[derive(Clone, PartialEq)]
 pub(crate) struct PinholeCamera {
-    /// Side of the image, in pixels.
-    pub(crate) side: usize,
+    pub(crate) size: ImageSize,
     /// Focal length, in pixels.
     pub(crate) focal_px: f32,
     /// Depths of the near and far clipping planes, in m.
     pub(crate) clip_m: [f32; 2],
-    /// x/z and y/z at the centre of the image. Nonzero for a tile of a larger image, whose projection is
-    /// off-axis.
-    pub(crate) image_centre: [f32; 2],
     mount: Mount,
 }
 
@@ -32,18 +28,18 @@ enum Mount {
 }
 
 impl PinholeCamera {
-    /// Creates the camera of a sampled scene, including its pose error.
-    pub(crate) fn new(camera: &scene::Camera) -> Self {
-        let side = match camera.slot {
-            CameraSlot::External1 | CameraSlot::External2 => EXTERNAL_SIDE,
-            CameraSlot::Hand1 | CameraSlot::Hand2 => HAND_SIDE,
+    /// Creates the camera of a sampled scene, including its pose error. Its vertical field of view does not
+    /// depend on the size of the image.
+    pub(crate) fn new(camera: &scene::Camera, sizes: ImageSizes) -> Self {
+        let size = match camera.slot {
+            CameraSlot::External1 | CameraSlot::External2 => sizes.external,
+            CameraSlot::Hand1 | CameraSlot::Hand2 => sizes.hand,
         };
         let (sin, cos) = sin_cos(camera.fov_y_rad / 2.0);
         Self {
-            side,
-            focal_px: (side as f64 / 2.0 * cos / sin) as f32,
+            size,
+            focal_px: (size.height as f64 / 2.0 * cos / sin) as f32,
             clip_m: camera.clip_m.map(|c| c as f32),
-            image_centre: [0.0; 2],
             mount: match &camera.mount {
                 CameraMount::World { eye, target } => {
                     Mount::World((look_at(*eye, *target) * camera.pose_error).cast())
@@ -55,45 +51,20 @@ impl PinholeCamera {
         }
     }
 
-    /// Returns the camera that renders one of `n_tiles` × `n_tiles` tiles of this camera's image, given as
-    /// [column, row], with as many pixels as this camera has.
-    pub(crate) fn tile(&self, n_tiles: usize, tile: [usize; 2]) -> Self {
-        let slope = self.side as f32 / 2.0 / self.focal_px;
-        let centre = |idx: usize| slope * (2.0 * idx as f32 + 1.0 - n_tiles as f32) / n_tiles as f32;
-        Self { focal_px: self.focal_px * n_tiles as f32, image_centre: tile.map(centre), ..self.clone() }
+    /// Returns half the width and half the height of the image, in pixels.
+    pub(crate) fn half_px(&self) -> [f32; 2] {
+        [self.size.width as f32 / 2.0, self.size.height as f32 / 2.0]
     }
 
-    /// Returns the shear that moves the image centre onto the optical axis and preserves depth, or `None` if
-    /// it lies there already. Its result is called the centred frame.
-    pub(crate) fn centring_shear(&self) -> Option<Affine3> {
-        let [x, y] = self.image_centre;
-        let linear = [[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]];
-        (self.image_centre != [0.0; 2]).then_some(Affine3 { linear, offset: [0.0; 3] })
+    /// Returns the largest |x/z| and |y/z| inside the image.
+    pub(crate) fn slopes(&self) -> [f32; 2] {
+        self.half_px().map(|half_px| half_px / self.focal_px)
     }
 
-    /// Returns, per unit of radius, the largest distance along x or y in the centred frame by which the
-    /// centre of a sphere may lie outside an image edge of this slope while the sphere still intersects the
-    /// frustum. The last factor compensates for the lengths that the shear shortens.
-    #[inline(always)]
-    pub(crate) fn sphere_margin(&self, slope: f32) -> f32 {
-        let [x, y] = self.image_centre.map(f32::abs);
-        let steepest = slope + x.max(y);
-        (1.0 + steepest * steepest).sqrt() * (1.0 + x + y)
-    }
-
-    /// Returns `true` if a sphere in the mesh frame may intersect the view frustum. The transform leads to
-    /// the centred frame. The test is conservative.
-    #[inline(always)]
-    pub(crate) fn may_intersect_sphere(&self, view_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool {
-        let [x, y, z] = view_from_mesh.transform_point(centre);
-        let radius = radius * view_from_mesh.max_scale();
-        let slope = self.side as f32 / 2.0 / self.focal_px;
-        let slack = radius * self.sphere_margin(slope);
-        let [near_m, far_m] = self.clip_m;
-        z + radius >= near_m
-            && z - radius <= far_m
-            && x.abs() - slope * z <= slack
-            && y.abs() - slope * z <= slack
+    /// Returns, per unit of radius, the largest distance along x and y by which the centre of a sphere may
+    /// lie outside an edge of the image while the sphere still intersects the frustum.
+    pub(crate) fn sphere_margins(&self) -> [f32; 2] {
+        self.slopes().map(|slope| (1.0 + slope * slope).sqrt())
     }
 
     /// Returns `true` if the camera does not move within an episode.

@@ -12,6 +12,8 @@ pub(crate) mod transforms;
 #[cfg(feature = "gpu")]
 use std::sync::Arc;
 
+use ipc_types::{ImageSize, ImageSizes};
+
 use super::math::affine::{Vec3, normalised, scaled};
 use super::math::lanes::N_LANES;
 use attachment::Attachment;
@@ -58,26 +60,12 @@ pub struct RenderScene {
 }
 
 impl RenderScene {
-    /// Prepares a scene for rendering.
+    /// Prepares a scene for rendering images of these sizes, which may exceed those of observations.
     ///
     /// # Panics
     /// If it has more than two directional lights.
     #[must_use]
-    pub fn new(scene: &Scene) -> Self {
-        Self::with_cameras(scene, scene.cameras.iter().map(PinholeCamera::new).collect())
-    }
-
-    /// Prepares a scene in which `n_tiles` × `n_tiles` cameras take the place of each camera. Each of them
-    /// renders one tile of the image, in row-major order, at the camera's own resolution.
-    #[must_use]
-    pub fn with_tiled_cameras(scene: &Scene, n_tiles: usize) -> Self {
-        let tiles = || (0..n_tiles * n_tiles).map(|tile| [tile % n_tiles, tile / n_tiles]);
-        let cameras = scene.cameras.iter().map(PinholeCamera::new);
-        let tiled = cameras.flat_map(|camera| tiles().map(move |tile| camera.tile(n_tiles, tile)));
-        Self::with_cameras(scene, tiled.collect())
-    }
-
-    fn with_cameras(scene: &Scene, cameras: Vec<PinholeCamera>) -> Self {
+    pub fn new(scene: &Scene, sizes: ImageSizes) -> Self {
         let (mut instances, mut n_static) = (Vec::new(), 0);
         let mut own_meshes = OwnMeshes::default();
         room::push(scene, &mut instances);
@@ -105,7 +93,7 @@ impl RenderScene {
             ambient: scene.lights.ambient.map(|c| c as f32),
             suns: suns(&scene.lights),
             shadow_centre: shadow_centre(scene),
-            cameras,
+            cameras: scene.cameras.iter().map(|camera| PinholeCamera::new(camera, sizes)).collect(),
             attachment: Attachment::default(),
             #[cfg(feature = "gpu")]
             liveness: Arc::new(()),
@@ -123,13 +111,13 @@ impl RenderScene {
         self.cameras.len()
     }
 
-    /// Returns the side of the image of a camera, in pixels.
+    /// Returns the size of the image of a camera.
     ///
     /// # Panics
     /// If there is no such camera.
     #[must_use]
-    pub fn side(&self, camera_idx: usize) -> usize {
-        self.cameras[camera_idx].side
+    pub fn size(&self, camera_idx: usize) -> ImageSize {
+        self.cameras[camera_idx].size
     }
 
     /// Returns the number of triangles in the scene, visible or not.

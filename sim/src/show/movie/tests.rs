@@ -5,6 +5,8 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
+use ipc_types::ImageSize;
+
 use super::mp4::Mp4;
 use super::{MovieFormat, MovieWriter};
 use crate::show::contact_sheet::{Panel, RgbImage, compose};
@@ -17,7 +19,11 @@ fn frames() -> Vec<RgbImage> {
             let (x, y) = (i % 8 + shift, i / 8 + 2 * shift);
             image[y * 32 + x] = [255 - 6 * (i as u8 % 40), 17, i as u8 % 40];
         }
-        compose(&[Panel { caption: String::new(), images: vec![(32, image.concat())] }], 1, 1)
+        compose(
+            &[Panel { caption: String::new(), images: vec![(ImageSize::square(32), image.concat())] }],
+            1,
+            1,
+        )
     };
     [0, 3, 7].map(frame).into()
 }
@@ -83,7 +89,8 @@ fn gif_with_many_colors_is_close() {
     for i in 0..side * side {
         image.extend([(i % side / 2 * 8) as u8, (i / side / 2 * 8) as u8, 90]);
     }
-    let frame = compose(&[Panel { caption: String::new(), images: vec![(side, image)] }], 1, 1);
+    let images = vec![(ImageSize::square(side), image)];
+    let frame = compose(&[Panel { caption: String::new(), images }], 1, 1);
     MovieWriter::begin(&path, MovieFormat::Gif, 1, 1, frame.clone()).unwrap().finish().unwrap();
     let mut options = gif::DecodeOptions::new();
     options.set_color_output(gif::ColorOutput::RGBA);

@@ -8,8 +8,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use clap::Args;
-use ipc_types::ControlMode;
 use ipc_types::link::SHM;
+use ipc_types::{ControlMode, ImageSizes};
 use run_config::{RendererChoice, Samples};
 use serde_json::json;
 use sim::demo::Recording;
@@ -204,7 +204,7 @@ fn reference_hashes() -> (u64, u64) {
     };
     let mut renderer = CpuRenderer::with_options(1, CpuOptions::default());
     let mut hash = Xxh3Default::new();
-    let scene = RenderScene::new(recording.scene());
+    let scene = RenderScene::new(recording.scene(), ImageSizes::BENCHMARK);
     for (_, image) in renderer.render_cameras(&scene, recording.snapshot(0)) {
         hash.update(&image);
     }
@@ -213,7 +213,7 @@ fn reference_hashes() -> (u64, u64) {
 
 fn vulkan() -> Check {
     const NAME: &str = "Vulkan";
-    match sim::render::open(RendererChoice::Gpu, None, Samples::One, 1) {
+    match sim::render::open(RendererChoice::Gpu, None, Samples::One, ImageSizes::BENCHMARK, 1) {
         Ok(renderer) => Check::ok(NAME, renderer.name()),
         Err(OpenRendererError::NotBuilt) => {
             Check::ok(NAME, "this program was built without the GPU renderer; runs render on the CPU")

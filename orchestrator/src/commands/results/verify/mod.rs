@@ -5,14 +5,14 @@ mod findings;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-use anyhow::{Context, anyhow, ensure};
+use anyhow::{Context, anyhow, bail, ensure};
 use clap::Args;
 use policy_host::PolicySpec;
 use policy_host::device;
 use policy_host::device::DeviceRequest;
 use run_config::{
-    Amount, DeviceChoice, Execution, ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions,
-    RunConfig, Samples,
+    Amount, DeviceChoice, Execution, ImageOptions, Instructions, LanguageFile, MAX_ENVS, RendererChoice,
+    ResultOptions, RunConfig, Samples,
 };
 use serde_json::{Value, json};
 use sim::scene::stream::Stream;
@@ -52,6 +52,9 @@ pub(crate) struct VerifyArgs {
     /// The paraphrases with which the results were made, if not the built-in ones
     #[arg(long, value_name = "FILE")]
     pub(crate) language: Option<LanguageFile>,
+    /// File of --instructions with which the results were made, if it was one
+    #[arg(long, value_name = "FILE")]
+    pub(crate) instructions: Option<LanguageFile>,
     /// Episodes in progress at a time
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_ENVS)), default_value_t = 16)]
     pub(crate) envs: u32,
@@ -158,29 +161,23 @@ fn config(file: &ResultsFile, args: &VerifyArgs) -> anyhow::Result<RunConfig> {
         unreachable!("a struct becomes an object")
     };
     for (key, value) in &mut options {
-        if let Some(stored) = file.manifest.get(key).filter(|_| key != "language") {
+        let is_file = |stored: &&Value| key == "language" || key == "instructions" && !is_named(stored);
+        if let Some(stored) = file.manifest.get(key).filter(|stored| !is_file(stored)) {
             *value = stored.clone();
         }
     }
     config.results = serde_json::from_value::<ResultOptions>(Value::Object(options))
         .with_context(|| format!("{path}: its manifest has an option with an invalid value"))?;
-    let stored_language = file.manifest.get("language").and_then(Value::as_str);
-    let given = json!(args.language);
-    match (stored_language, given.get("fingerprint").and_then(Value::as_str)) {
-        (None, None) => {}
-        (Some(stored), Some(given)) if stored == given => config.results.language.clone_from(&args.language),
-        (Some(stored), Some(given)) => {
-            return Err(anyhow!("--language has content {given}, but {path} was made with content {stored}"));
-        }
-        (Some(stored), None) => {
-            return Err(anyhow!(
-                "{path} was made with the paraphrases of a file; name it with --language (content {stored})"
-            ));
-        }
-        (None, Some(_)) => {
-            return Err(anyhow!("{path} was made with the built-in paraphrases; omit --language"));
-        }
+    let stored =
+        |key: &str| file.manifest.get(key).filter(|stored| !is_named(stored)).and_then(Value::as_str);
+    check_file(file, ("language", "built-in paraphrases"), stored("language"), args.language.as_ref())?;
+    config.results.language.clone_from(&args.language);
+    let own = args.instructions.as_ref();
+    check_file(file, ("instructions", "sentences of a protocol"), stored("instructions"), own)?;
+    if let Some(own) = own {
+        config.results.protocol.instructions = Instructions::File(own.clone());
     }
+    config.protocol = config.results.protocol.clone().into();
     if let Some(identity) = file.manifest.get("renderer").and_then(Value::as_str) {
         let choice = file.manifest.get(ENVIRONMENT).and_then(|environment| environment["renderer"].as_str());
         config.rendering = image_options(identity, choice);
@@ -189,6 +186,37 @@ fn config(file: &ResultsFile, args: &VerifyArgs) -> anyhow::Result<RunConfig> {
     config.resources.envs = Amount::Fixed(args.envs);
     config.resources.threads = args.threads.map_or(config.resources.threads, Amount::Fixed);
     Ok(config)
+}
+
+/// Returns `true` if the stored value of `instructions` is a name and not the content hash of a file.
+fn is_named(stored: &Value) -> bool {
+    serde_json::from_value::<Instructions>(stored.clone()).is_ok()
+}
+
+/// Checks that the user names the file of sentences with which the results were made, whose content is
+/// `stored`.
+fn check_file(
+    file: &ResultsFile,
+    (option, default): (&str, &str),
+    stored: Option<&str>,
+    given: Option<&LanguageFile>,
+) -> anyhow::Result<()> {
+    let path = file.path.display();
+    let given = json!(given);
+    match (stored, given.get("fingerprint").and_then(Value::as_str)) {
+        (Some(stored), Some(given)) => {
+            ensure!(
+                stored == given,
+                "--{option} has content {given}, but {path} was made with content {stored}"
+            );
+        }
+        (Some(stored), None) => {
+            bail!("{path} was made with the sentences of a file; name it with --{option} (content {stored})");
+        }
+        (None, Some(_)) => bail!("{path} was made with the {default}; omit --{option}"),
+        (None, None) => {}
+    }
+    Ok(())
 }
 
 /// Returns the options that lead to a renderer with this identity, which was opened by `choice`, if the

@@ -7,33 +7,13 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use ipc_types::{ControlMode, Morphology};
 use serde::{Deserialize, Serialize};
-use sim::Profile;
-use sim::perturb::{Composition, Strength};
 
+use crate::store::demos::dataset::settings::DatasetSettings;
 use crate::store::demos::dataset::stats::{FeatureStats, Histogram};
-use crate::store::demos::image::ImageFormat;
 
 pub(crate) const SETTINGS: &str = "meta/hypogeum.json";
 const JOURNAL: &str = "meta/hypogeum.jsonl";
-
-/// The settings that all episodes of a dataset share.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct DatasetSettings {
-    /// Hash of the code that the episodes depend on. Datasets of earlier versions do not say.
-    #[serde(default)]
-    pub(crate) code: String,
-    pub(crate) morphology: Morphology,
-    pub(crate) control_mode: ControlMode,
-    pub(crate) perturbation: Composition,
-    pub(crate) strength: Strength,
-    pub(crate) profile: Profile,
-    /// Suite seed of the episodes.
-    pub(crate) seed: u64,
-    pub(crate) images: ImageFormat,
-}
 
 /// The journal record of an episode.
 #[derive(Clone, Debug, Serialize, Deserialize)]

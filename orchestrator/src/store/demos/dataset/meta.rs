@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use anyhow::{Context, ensure};
-use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
 use ipc_types::{ControlMode, Morphology};
 use policy_host::text::hashed;
 use serde_json::{Map, Value, json};
 
 use crate::store::build_identity;
-use crate::store::demos::dataset::features::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE, camera_feature};
+use crate::store::demos::dataset::features::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE};
 use crate::store::demos::dataset::journal::{EpisodeRecord, Journal, instructions};
+use crate::store::demos::dataset::settings::DatasetSettings;
 use crate::store::demos::dataset::stats::{FeatureStats, Histogram, QUANTILES};
 use crate::store::demos::dataset::values::read_values;
 use crate::store::parquet_table::{Cells, NamedCells, ParquetTable};
@@ -82,30 +82,28 @@ fn info(journal: &Journal) -> Value {
         "splits": {"train": format!("0:{n_episodes}")},
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": null,
-        "features": features(settings.morphology, settings.control_mode),
+        "features": features(settings),
     })
 }
 
 /// Returns the description of the features, in column order.
-fn features(morphology: Morphology, mode: ControlMode) -> Value {
+fn features(settings: &DatasetSettings) -> Value {
+    let &DatasetSettings { morphology, control_mode: mode, .. } = settings;
     let vector = |width: usize, names: Value| json!({"dtype": "float32", "shape": [width], "names": names});
-    let state = morphology
-        .state_parts()
-        .iter()
-        .flat_map(|(part, width)| (0..*width).map(move |idx| format!("{part}.{idx}")));
+    let parts = settings.state_parts().iter();
+    let state: Vec<String> =
+        parts.flat_map(|(part, width)| (0..*width).map(move |idx| format!("{part}.{idx}"))).collect();
     let mut features = Map::new();
-    features.insert(STATE.into(), vector(morphology.state_dim(), state.collect()));
-    let mut language = vector(LANGUAGE_DIM, Value::Null);
-    language["info"] = json!({"encoder": hashed::STATISTIC, "version": hashed::VERSION});
-    features.insert(LANGUAGE.into(), language);
+    features.insert(STATE.into(), vector(state.len(), state.into()));
+    if settings.has_embedding() {
+        let mut language = vector(LANGUAGE_DIM, Value::Null);
+        language["info"] = json!({"encoder": hashed::STATISTIC, "version": hashed::VERSION});
+        features.insert(LANGUAGE.into(), language);
+    }
     features.insert(ACTION.into(), vector(mode.action_dim(morphology), action_names(morphology, mode)));
-    for (idx, camera) in morphology.camera_names().iter().enumerate() {
-        let side = if idx < morphology.n_external_cameras() { EXTERNAL_SIDE } else { HAND_SIDE };
-        let names = ["height", "width", "channels"];
-        features.insert(
-            camera_feature(camera),
-            json!({"dtype": "image", "shape": [side, side, 3], "names": names}),
-        );
+    for (name, size) in settings.cameras() {
+        let (shape, names) = ([size.height, size.width, 3], ["height", "width", "channels"]);
+        features.insert(name, json!({"dtype": "image", "shape": shape, "names": names}));
     }
     for (name, dtype) in SCALARS {
         features.insert(name.into(), json!({"dtype": dtype, "shape": [1], "names": null}));
@@ -126,14 +124,13 @@ fn action_names(morphology: Morphology, mode: ControlMode) -> Value {
 }
 
 /// Returns the metadata that Hugging Face's `datasets` expects in a data file.
-pub(crate) fn hugging_face_metadata(morphology: Morphology) -> String {
+pub(crate) fn hugging_face_metadata(settings: &DatasetSettings) -> String {
     let value = |dtype: &str| json!({"dtype": dtype, "_type": "Value"});
     let list = || json!({"feature": value("float32"), "_type": "List"});
-    let mut features: Map<String, Value> =
-        [STATE, LANGUAGE, ACTION].map(|name| (name.to_owned(), list())).into_iter().collect();
-    features.extend(
-        morphology.camera_names().iter().map(|camera| (camera_feature(camera), json!({"_type": "Image"}))),
-    );
+    let language = settings.has_embedding().then_some(LANGUAGE);
+    let vectors = [Some(STATE), language, Some(ACTION)].into_iter().flatten();
+    let mut features: Map<String, Value> = vectors.map(|name| (name.to_owned(), list())).collect();
+    features.extend(settings.cameras().map(|(name, _)| (name, json!({"_type": "Image"}))));
     features.extend(SCALARS.map(|(name, dtype)| (name.to_owned(), value(dtype))));
     json!({"info": {"features": features}}).to_string()
 }

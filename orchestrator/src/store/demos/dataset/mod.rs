@@ -9,6 +9,7 @@ mod features;
 mod journal;
 mod meta;
 mod read;
+mod settings;
 mod stats;
 mod values;
 
@@ -16,18 +17,17 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use ipc_types::Morphology;
 use policy_host::text::hashed_embedding;
 
-use self::features::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE, camera_feature};
+use self::features::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE};
 use self::journal::{Journal, instructions};
 use self::stats::{FeatureStats, Histogram};
 use crate::store::parquet_table::{Cells, NamedCells, ParquetTable};
 use crate::store::stored_episode::format_fingerprint;
 
-pub(crate) use self::journal::DatasetSettings;
 pub(crate) use self::journal::EpisodeRecord;
 pub(crate) use self::read::StoredDataset;
+pub(crate) use self::settings::DatasetSettings;
 
 /// Bytes of images after which a data file is closed.
 const FILE_BYTES: usize = 32 << 20;
@@ -74,7 +74,7 @@ pub(crate) struct CameraImages {
 }
 
 impl CameraImages {
-    /// Adds an image `[side, side, 3] u8` and its encoded file.
+    /// Adds an image `[height, width, 3] u8` and its encoded file.
     pub(crate) fn push(&mut self, pixels: &[u8], file: Vec<u8>) {
         Histogram::count(&mut self.histograms, pixels);
         self.files.push(file);
@@ -114,16 +114,16 @@ impl DatasetWriter {
     pub(crate) fn push(&mut self, episode: DatasetEpisode) -> anyhow::Result<()> {
         let (first, episode_idx) = (self.n_frames(), self.episodes().count() as u64);
         let task_idx = self.task_idx(&episode.instruction);
-        let morphology = self.journal.settings().morphology;
+        let settings = self.journal.settings();
         let n_bytes: usize = episode.images.iter().flat_map(|images| &images.files).map(Vec::len).sum();
-        let (columns, record) = columns(morphology, episode, (episode_idx, first, task_idx));
+        let (columns, record) = columns(settings, episode, (episode_idx, first, task_idx));
         let open = match &mut self.open {
             Some(open) => open,
             none => {
                 let path = self.folder.join(meta::data_path(self.journal.n_files()));
                 std::fs::create_dir_all(path.parent().unwrap_or(&self.folder))
                     .with_context(|| format!("failed to create the folder of {}", path.display()))?;
-                let note = ("huggingface", meta::hugging_face_metadata(morphology));
+                let note = ("huggingface", meta::hugging_face_metadata(settings));
                 let draft = path.with_extension("draft");
                 let table = ParquetTable::create(&draft, &columns, Some(note))?;
                 none.insert(OpenFile { table, draft, path, episodes: Vec::new(), n_bytes: 0 })
@@ -167,27 +167,28 @@ impl DatasetWriter {
 
 /// Returns the rows of an episode and its journal record.
 fn columns(
-    morphology: Morphology,
+    settings: &DatasetSettings,
     episode: DatasetEpisode,
     (episode_idx, first, task_idx): (u64, u64, usize),
 ) -> (Vec<NamedCells>, EpisodeRecord) {
-    let state_dim = morphology.state_dim();
-    let n_frames = episode.states.len() / state_dim;
+    let rows = episode.states.chunks_exact(settings.morphology.state_dim());
+    let n_frames = rows.len();
     let action_dim = episode.actions.len() / n_frames;
-    let embedding = hashed_embedding(&episode.instruction, LANGUAGE_DIM);
-    let numbers = [
-        (STATE, state_dim, episode.states),
-        (LANGUAGE, LANGUAGE_DIM, embedding.repeat(n_frames)),
-        (ACTION, action_dim, episode.actions),
-    ];
+    let state_dim = settings.state_parts().iter().map(|(_, width)| width).sum();
+    let states: Vec<f32> = rows.flat_map(|row| &row[..state_dim]).copied().collect();
+    let mut numbers = vec![(STATE, state_dim, states)];
+    if settings.has_embedding() {
+        let embedding = hashed_embedding(&episode.instruction, LANGUAGE_DIM);
+        numbers.push((LANGUAGE, LANGUAGE_DIM, embedding.repeat(n_frames)));
+    }
+    numbers.push((ACTION, action_dim, episode.actions));
     let (mut stats, mut counted) = (BTreeMap::new(), BTreeMap::new());
     let mut columns: Vec<NamedCells> = Vec::new();
     for (name, width, numbers) in numbers {
         stats.insert(name.to_owned(), FeatureStats::of_values(&numbers, width));
         columns.push((name.to_owned(), Cells::FloatList { width, numbers }));
     }
-    for (camera, CameraImages { files, histograms }) in morphology.camera_names().iter().zip(episode.images) {
-        let name = camera_feature(camera);
+    for ((name, _), CameraImages { files, histograms }) in settings.cameras().zip(episode.images) {
         stats.insert(name.clone(), FeatureStats::of_images(&histograms, n_frames as u64));
         counted.insert(name.clone(), histograms);
         columns.push((name, Cells::Image(files)));
@@ -223,8 +224,9 @@ fn columns(
 mod tests {
     use std::fs;
 
-    use ipc_types::ControlMode;
+    use ipc_types::{ControlMode, Morphology};
     use policy_host::text::hashed;
+    use run_config::Protocol;
     use serde_json::Value;
     use sim::Perturbation;
     use sim::Profile;
@@ -247,6 +249,7 @@ mod tests {
             profile: Profile::Strict,
             seed: 1,
             images: ImageFormat::Jpeg,
+            protocol: Protocol::default(),
         };
         DatasetWriter::open(folder, settings).unwrap()
     }

@@ -9,8 +9,9 @@ use sim::show::EpisodeSpec;
 
 use crate::selection::selectors::parse_task;
 use crate::store::demos::dataset::features::ACTION;
-use crate::store::demos::dataset::journal::{DatasetSettings, read_journal, read_settings};
+use crate::store::demos::dataset::journal::{read_journal, read_settings};
 use crate::store::demos::dataset::meta;
+use crate::store::demos::dataset::settings::DatasetSettings;
 use crate::store::demos::dataset::values::read_values;
 use crate::store::stored_episode::StoredEpisode;
 
@@ -35,7 +36,8 @@ impl StoredDataset {
                 crate::store::demos::dataset::journal::SETTINGS
             );
         };
-        let DatasetSettings { perturbation, strength, profile, control_mode: mode, seed, .. } = settings;
+        let DatasetSettings { perturbation, strength, profile, control_mode: mode, seed, protocol, .. } =
+            settings;
         let (mut episodes, mut locations) = (Vec::new(), Vec::new());
         for (file, records) in read_journal(folder)?.into_iter().enumerate() {
             for (group_idx, record) in records.into_iter().enumerate() {
@@ -47,6 +49,7 @@ impl StoredDataset {
                     index: record.index,
                     seed: episode_seed(seed, task.name(), record.index),
                     mode,
+                    images: protocol.image_size,
                     n_steps: record.n_frames as u32,
                     fingerprint: record.fingerprint,
                 });

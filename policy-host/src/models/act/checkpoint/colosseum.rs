@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use ipc_types::layout::{MAX_ACTION_DIM, MAX_STATE_DIM};
-use ipc_types::{ControlMode, Morphology};
+use ipc_types::{ControlMode, ImageSize, Morphology};
 use serde::{Deserialize, Serialize};
 
 use super::description::{ActDescription, TensorNames};
@@ -14,7 +14,7 @@ use crate::formats::mapping::ObservationMapping;
 use crate::formats::scaling::ShiftScale;
 use crate::formats::settings::parse;
 use crate::models::act::architecture::{
-    Architecture, ImageSize, InstructionInput, Normalisation, ResNet, TokenProjection,
+    Architecture, InstructionInput, Normalisation, ResNet, TokenProjection,
 };
 use crate::policy::execution::ChunkSettings;
 use crate::text::LanguageConfig;
@@ -174,6 +174,9 @@ impl ActConfig {
             return Err("`morphology` is null, expected \"single\" or \"bimanual\"".to_owned());
         };
         Ok(ObservationMapping {
+            // Images of hand cameras were enlarged in training, too.
+            trained_sizes: Vec::new(),
+            protocol: None,
             morphology,
             control_mode: self.control_mode,
             cameras: (0..self.n_cameras).collect(),

@@ -15,7 +15,7 @@ use crate::formats::lerobot::{read_base, read_chunk};
 use crate::formats::mapping::{Sidecar, map_features, refuse_if};
 use crate::formats::settings::Settings;
 use crate::models::act::architecture::{
-    Architecture, ImageSize, InstructionInput, Normalisation, ResNet, TokenProjection,
+    Architecture, InstructionInput, Normalisation, ResNet, TokenProjection,
 };
 use crate::policy::execution::ChunkSettings;
 use crate::text::LanguageConfig;
@@ -171,11 +171,6 @@ pub(crate) fn describe(
     before.note_differences(&config.modes, &kinds, &mut notes);
     after.note_differences(&config.modes, &[FeatureKind::Action], &mut notes);
     find_encoder(folder, &inputs, &mut before, &mut sidecar, &mut notes)?;
-    if let Some(InputFeature { name, .. }) = inputs.iter().find(|input| !input.is_square()) {
-        notes.push(format!(
-            "gets the benchmark's square images, stretched to the shape of `{name}` and of every other camera"
-        ));
-    }
     Ok(ActDescription {
         architecture,
         normalisation: normalisation(before, after, &inputs, config.action_dim)?,
@@ -217,9 +212,8 @@ fn find_encoder(
 fn architecture(config: &LeRobotConfig, inputs: &[InputFeature]) -> Architecture {
     let of_kind = |kind: FeatureKind| inputs.iter().filter(move |input| input.kind == kind);
     let dim = |kind: FeatureKind| of_kind(kind).next().map(|input| input.shape[0]);
-    let size = |input: &InputFeature| ImageSize { height: input.shape[1], width: input.shape[2] };
     Architecture {
-        cameras: of_kind(FeatureKind::Visual).map(size).collect(),
+        cameras: inputs.iter().filter_map(InputFeature::image_size).collect(),
         state_dim: dim(FeatureKind::State),
         instruction: dim(FeatureKind::Env)
             .map(|dim| InstructionInput { dim, projection: TokenProjection::Linear }),

@@ -1,12 +1,12 @@
 //! The ResNet backbone: from the bytes of all cameras to image tokens.
 
-use ipc_types::Morphology;
+use ipc_types::ImageSizes;
 
 use super::layers::{StepList, TokenRows};
 use crate::formats::ObservationMapping;
-use crate::models::act::architecture::{ImageSize, Normalisation};
+use crate::models::act::architecture::Normalisation;
 use crate::models::act::checkpoint::tensors::BACKBONE;
-use crate::models::act::image::{IMAGE_SIZES, Preprocessor};
+use crate::models::act::image::Preprocessor;
 use crate::nn::conv::{ConvGeometry, FrozenBatchNorm2d};
 use crate::nn::gpu::DeviceBuffer;
 use crate::nn::gpu::ops::{DeviceMaps, DeviceWeights, ImageSource, ProductEpilogue, SampleRows};
@@ -18,18 +18,13 @@ pub(crate) fn max_words(maps: DeviceMaps, width: usize) -> usize {
     maps.len().max(maps.convolved(STEM, width).len())
 }
 
-/// Returns the size of the images of a robot's camera, by its index.
-pub(crate) fn camera_size(camera: usize) -> ImageSize {
-    let [external, hand] = IMAGE_SIZES;
-    if camera < Morphology::Single.n_external_cameras() { external } else { hand }
-}
-
 impl StepList<'_> {
-    /// Adds the backbone. Returns the buffers of the cameras' bytes, each image padded to whole words.
+    /// Adds the backbone, for images of these sizes. Returns the buffers of the cameras' bytes, each image
+    /// padded to whole words.
     pub(crate) fn backbone(
         &mut self,
         normalisation: &Normalisation,
-        mapping: &ObservationMapping,
+        (mapping, sizes): (&ObservationMapping, ImageSizes),
         n_leading: usize,
         tokens: &TokenRows,
     ) -> Vec<DeviceBuffer> {
@@ -42,10 +37,9 @@ impl StepList<'_> {
             let input = self.buffer("images", maps.len());
             for image in 0..images {
                 let camera = bytes.len();
-                let from = camera_size(mapping.cameras[camera]);
-                let preprocessor =
-                    Preprocessor::new(size, normalisation.images[camera].as_ref(), &IMAGE_SIZES);
-                let source = self.buffer("bytes", (from.n_pixels() * 3).div_ceil(4));
+                let from = sizes.of_camera(mapping.morphology, mapping.cameras[camera]);
+                let preprocessor = Preprocessor::new(size, normalisation.images[camera].as_ref(), &[from]);
+                let source = self.buffer("bytes", from.n_bytes().div_ceil(4));
                 let table = DeviceBuffer::of(self.ops.gpu, "values", preprocessor.values().as_flattened());
                 let filters = preprocessor.filters(from);
                 let filters = filters

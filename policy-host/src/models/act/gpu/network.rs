@@ -1,7 +1,8 @@
 //! A network on a device: its buffers and steps, and the computation of a batch.
 
+use ipc_types::ImageSizes;
+
 use super::backbone;
-use super::backbone::camera_size;
 use super::layers::StepList;
 use crate::formats::scaling::ShiftScale;
 use crate::models::act::architecture::Architecture;
@@ -41,7 +42,7 @@ impl GpuActNetwork {
     ///
     /// # Errors
     /// If the device cannot hold a single sample, or fails.
-    pub(crate) fn new(gpu: &GpuDevice, stored: &StoredNetwork) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &GpuDevice, stored: &StoredNetwork, sizes: ImageSizes) -> Result<Self, GpuError> {
         let StoredNetwork { architecture, normalisation, state_dict, mapping, .. } = stored;
         let n_tokens = architecture.max_tokens();
         let (width, horizon) = (architecture.hidden_dim, architecture.horizon);
@@ -65,7 +66,7 @@ impl GpuActNetwork {
             to: (tokens.buffer.clone(), n_tokens * width),
             n_words: n_leading * width,
         });
-        let cameras = list.backbone(normalisation, mapping, n_leading, &tokens);
+        let cameras = list.backbone(normalisation, (mapping, sizes), n_leading, &tokens);
         for layer in 0..architecture.enc_layers {
             let name = format!("transformer.encoder.layers.{layer}");
             list.encoder_layer(&name, &tokens, &positions, &memory)?;
@@ -89,8 +90,8 @@ impl GpuActNetwork {
         if capacity == 0 {
             return Err(gpu.error("a sample needs more workgroups than it allows"));
         }
-        let image_words =
-            mapping.cameras.iter().map(|camera| (camera_size(*camera).n_pixels() * 3).div_ceil(4));
+        let size = |camera: &usize| sizes.of_camera(mapping.morphology, *camera);
+        let image_words = mapping.cameras.iter().map(|camera| size(camera).n_bytes().div_ceil(4));
         let images = cameras.into_iter().zip(image_words);
         let others = [(first_tokens, n_leading * width), (memory.present, 1)];
         let array = |(buffer, n_words)| BatchArray { buffer, unit: 0, n_words };

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use ipc_types::{Morphology, ObservationView};
+use ipc_types::{ImageSizes, Morphology, ObservationView};
 
 use super::network::GpuActNetwork;
 use crate::formats::ObservationMapping;
@@ -29,13 +29,18 @@ pub struct ActDeviceNetwork {
 }
 
 impl GpuActPolicy {
-    /// Loads the networks for `robots` in `folder` onto a device.
+    /// Loads the networks for `robots` in `folder` onto a device, for images of these sizes.
     ///
     /// # Errors
     /// The first file or tensor that is missing, unexpected or damaged, or the failure of the device.
-    pub fn load(gpu: GpuDevice, folder: &Path, robots: &[Morphology]) -> Result<Self, LoadGpuError> {
+    pub fn load(
+        gpu: GpuDevice,
+        folder: &Path,
+        robots: &[Morphology],
+        images: ImageSizes,
+    ) -> Result<Self, LoadGpuError> {
         let networks = load_networks(folder, robots, |stored| {
-            let model = GpuActNetwork::new(&gpu, &stored)?;
+            let model = GpuActNetwork::new(&gpu, &stored, images)?;
             let StoredNetwork { mapping, encoder, ensemble_decay, architecture, .. } = stored;
             let (tokens, state) = (TokenCache::new(encoder), vec![0.0; architecture.state_dim.unwrap_or(0)]);
             Ok::<_, LoadGpuError>(ActDeviceNetwork { model, mapping, ensemble_decay, tokens, state })

@@ -2,6 +2,9 @@
 
 use std::path::PathBuf;
 
+use run_config::input;
+use serde_json::{Map, Value};
+
 use super::description::{Folder, Pi05Description};
 use crate::formats::CheckpointError;
 use crate::formats::files::{MAPPING_FILE, POSTPROCESSOR, PREPROCESSOR};
@@ -9,9 +12,10 @@ use crate::formats::lerobot::feature::{FeatureKind, FeatureShape, InputFeature, 
 use crate::formats::lerobot::processor::{Processors, TokenizerSettings};
 use crate::formats::lerobot::statistics::{ACTION, Modes, NormalisationMode, Normaliser};
 use crate::formats::lerobot::{read_base, read_chunk};
-use crate::formats::mapping::refuse_if;
-use crate::formats::settings::{Features, IgnoreList, Settings};
+use crate::formats::mapping::{PromptState, refuse_if};
+use crate::formats::settings::{Features, IgnoreList, Settings, parse};
 use crate::models::pi05::architecture::{MAX_STEPS, Pi05Architecture};
+use crate::models::pi05::image::{BLACK, BLACK_SCALED_TWICE};
 use crate::policy::execution::ChunkSettings;
 
 /// Upper bound on the rows of a chunk and on the entries of a state.
@@ -20,6 +24,10 @@ pub(crate) const MAX_ROWS: usize = 1024;
 const MAX_PROMPT: usize = 4096;
 /// Prefix of LeRobot's names for cameras that a configuration adds.
 const EMPTY_CAMERA: &str = "observation.images.empty_camera_";
+/// File in which `lerobot-train` stores its configuration beside the policy's.
+const TRAINING: &str = "train_config.json";
+/// A key that it has since LeRobot 0.5.
+const SINCE_0_5: &str = "cudnn_deterministic";
 /// LeRobot's name of PaliGemma's vocabulary.
 const PALIGEMMA: &str = "google/paligemma-3b-pt-224";
 /// Name of the state feature.
@@ -72,6 +80,8 @@ pub(crate) struct Pi05Config {
     image_resolution: (usize, usize),
     empty_cameras: usize,
     pub(crate) tokenizer_max_length: usize,
+    /// `true` if the configuration has `use_relative_actions`, as since LeRobot 0.5.1.
+    has_relative_actions: bool,
 }
 
 impl Pi05Config {
@@ -84,6 +94,7 @@ impl Pi05Config {
         read_base(settings, notes)?;
         settings.discard(&WITHOUT_INFLUENCE);
         let otherwise = "false; serve the checkpoint with `python -m hypogeum.lerobot`";
+        let has_relative_actions = settings.has("use_relative_actions");
         settings.refuse_switch("use_relative_actions", otherwise)?;
         settings.refuse_switch("use_visual_memory", "false: a memory of earlier images is not supported")?;
         settings.refuse_switch(
@@ -117,6 +128,7 @@ impl Pi05Config {
             image_resolution: settings.take_or("image_resolution", (224, 224))?,
             empty_cameras: settings.take_or("empty_cameras", 0)?,
             tokenizer_max_length: settings.take_or("tokenizer_max_length", 200)?,
+            has_relative_actions,
         };
         let counts = [
             ("chunk_size", config.chunk.horizon, MAX_ROWS),
@@ -182,15 +194,7 @@ impl Folder<'_> {
         let Some((state, state_dim)) = state.map(|state| (state.name.clone(), state.shape[0])) else {
             return Err(self.value("input_features", "no state", "a feature of type STATE"));
         };
-        if features.iter().any(|input| !input.is_square()) {
-            notes.push("gets the benchmark's square images, although it was trained on others".to_owned());
-        }
-        if self.sidecar.prompt_state.is_none() {
-            notes.push(format!(
-                "writes one number per entry of the state into the prompt, as LeRobot does since 0.5: for an older checkpoint, \
-                 set `prompt_state` to \"padded\" in {MAPPING_FILE}"
-            ));
-        }
+        let prompt_state = self.prompt_state(config.has_relative_actions, &mut notes)?;
         let inputs = processors.inputs;
         let missing = |file| Normaliser::missing_step(self.folder, file, &config.modes);
         let mut inputs = inputs.unwrap_or_else(|| missing(PREPROCESSOR));
@@ -215,7 +219,11 @@ impl Folder<'_> {
             state: inputs.scaling(&state, FeatureKind::State, state_dim)?,
             action: outputs.scaling(ACTION, FeatureKind::Action, action_dim)?,
             action_dim,
-            prompt_state: self.sidecar.prompt_state.unwrap_or_default(),
+            prompt_state,
+            bars: match prompt_state {
+                PromptState::Unpadded => BLACK,
+                PromptState::Padded => BLACK_SCALED_TWICE,
+            },
             max_state_dim: processors.max_state_dim.unwrap_or(config.max_state_dim),
             tokenizer_folder,
             max_tokens,
@@ -224,6 +232,43 @@ impl Folder<'_> {
             chunk: config.chunk,
             notes,
         })
+    }
+
+    /// Returns the convention of the prompt: the one that the mapping file names, or that of the version of
+    /// LeRobot that wrote the folder.
+    fn prompt_state(
+        &self,
+        has_relative_actions: bool,
+        notes: &mut Vec<String>,
+    ) -> Result<PromptState, CheckpointError> {
+        if let Some(prompt_state) = self.sidecar.prompt_state {
+            return Ok(prompt_state);
+        }
+        if has_relative_actions {
+            return Ok(PromptState::Unpadded);
+        }
+        let path = self.folder.join(TRAINING);
+        let (prompt_state, evidence) = match input::read(&path) {
+            Ok(text) if parse::<Map<String, Value>>(&path, &text)?.contains_key(SINCE_0_5) => {
+                (PromptState::Unpadded, format!("LeRobot 0.5, whose {TRAINING} has `{SINCE_0_5}`"))
+            }
+            Ok(_) => {
+                (PromptState::Padded, format!("LeRobot before 0.5, whose {TRAINING} has no `{SINCE_0_5}`"))
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                let evidence = "LeRobot before 0.5.1, whose config.json has no `use_relative_actions`";
+                (PromptState::Padded, evidence.to_owned())
+            }
+            Err(source) => return Err(CheckpointError::Read { path, source }),
+        };
+        let convention = match prompt_state {
+            PromptState::Unpadded => "has one number per entry of the state",
+            PromptState::Padded => "has the state padded to `max_state_dim`, and images have bars of -3",
+        };
+        notes.push(format!(
+            "was written by {evidence}: its prompt {convention}; `prompt_state` in {MAPPING_FILE} decides otherwise"
+        ));
+        Ok(prompt_state)
     }
 
     /// Checks the sizes in the configuration against those of the weights, and returns the number of entries

@@ -8,11 +8,12 @@ use serde::Deserialize;
 
 use super::description::{Folder, Pi05Description};
 use super::lerobot::MAX_ROWS;
-use crate::formats::CheckpointError;
 use crate::formats::files::MAPPING_FILE;
 use crate::formats::lerobot::feature::{FeatureKind, InputFeature};
 use crate::formats::scaling::Scaling;
 use crate::formats::settings::{Settings, parse};
+use crate::formats::{CheckpointError, ObservationMapping};
+use crate::models::pi05::image::BLACK;
 use crate::policy::execution::ChunkSettings;
 
 /// Cameras of openpi's networks, in their order.
@@ -98,7 +99,7 @@ impl Folder<'_> {
             None => state.q01.len(),
         };
         features.push(InputFeature::new(STATE.to_owned(), vec![state_dim], FeatureKind::State));
-        let mapping = self.mapping(features, action_dim)?;
+        let mapping = ObservationMapping { trained_sizes: Vec::new(), ..self.mapping(features, action_dim)? };
         if action_dim > architecture.action_width {
             let found = format!("{action_dim} entries");
             return Err(self.value("actions", found, format!("at most {}", architecture.action_width)));
@@ -116,6 +117,7 @@ impl Folder<'_> {
             action: action.scaling(action_dim),
             action_dim,
             prompt_state: self.sidecar.prompt_state.unwrap_or_default(),
+            bars: BLACK,
             max_state_dim: MAX_STATE_DIM,
             tokenizer_folder: self.folder.to_owned(),
             max_tokens,

@@ -9,7 +9,6 @@ use crate::cpu::simd::each::each;
 use crate::cpu::simd::isa::Kernel;
 use crate::cpu::simd::{F32x16, I32x16, Simd, SimdF32, SimdI32, SimdMask};
 use crate::cpu::visibility::raster::{NO_ID, Visibility};
-use crate::cpu::visibility::tile::{Tile4x4, TileLayout};
 use crate::math::affine::{Affine3, Vec3};
 use crate::prepared::camera::PinholeCamera;
 use crate::prepared::material::Material;
@@ -30,7 +29,7 @@ pub(crate) struct StaticLayer {
     /// Per visibility tile the id that all of its lanes show, or [`MIXED`]. It is read in place of the much
     /// larger `ids` where possible.
     pub(crate) tile_ids: Vec<i32>,
-    /// The shaded image, `[side, side, 3] u8` sRGB.
+    /// The shaded image, `[height, width, 3] u8` sRGB.
     pub(crate) pixels: Vec<u8>,
     /// Per pixel tile its bounds in the shadow map; empty if no light casts shadows.
     pub(crate) light_bounds: Vec<LightBounds>,
@@ -100,17 +99,11 @@ pub(crate) struct MeasureLightBounds<'a> {
 impl Kernel for MeasureLightBounds<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
-        let Self {
-            visibility: Visibility { side, depths, ids, .. },
-            samples_per_edge,
-            rays,
-            shadow,
-            light_bounds,
-        } = self;
-        let pitch = *side as usize >> Tile4x4::WIDTH_BITS;
-        let per_row = pitch / samples_per_edge;
+        let Self { visibility, samples_per_edge, rays, shadow, light_bounds } = self;
+        let Visibility { depths, ids, .. } = visibility;
+        let [per_row, n_rows] = visibility.pixel_tiles(samples_per_edge);
         light_bounds.clear();
-        for tile in 0..per_row * per_row {
+        for tile in 0..per_row * n_rows {
             let (column, row) = (tile % per_row, tile / per_row);
             let mut bounds = LightBoundsBuilder::NONE;
             let no_id = S::I::splat(NO_ID);
@@ -118,8 +111,7 @@ impl Kernel for MeasureLightBounds<'_> {
                 let ray = rays.tile::<S>(column, row).at(&depths[tile]);
                 bounds.add::<S>(shadow, &ray, S::I::load(&ids[tile]).gt(no_id));
             } else {
-                let upper = row * 2 * pitch + column * 2;
-                let four = [upper, upper + 1, upper + pitch, upper + pitch + 1];
+                let four = visibility.sample_tiles(column, row);
                 let ids = S::interleave_tiles(each!(k in 4 => S::I::load(&ids[four[k]])));
                 let depths = S::interleave_tiles(each!(k in 4 => S::F::load(&depths[four[k]]).bitcast_i32()));
                 for k in 0..4 {
@@ -148,19 +140,18 @@ pub(crate) struct FindStaleTiles<'a> {
 impl Kernel for FindStaleTiles<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
-        let Self { visibility: Visibility { side, ids, .. }, samples_per_edge, layer, moving, stale } = self;
-        let pitch = *side as usize >> Tile4x4::WIDTH_BITS;
-        let per_row = pitch / samples_per_edge;
+        let Self { visibility, samples_per_edge, layer, moving, stale } = self;
+        let [per_row, n_rows] = visibility.pixel_tiles(samples_per_edge);
         let no_id = S::I::splat(NO_ID);
         stale.clear();
-        stale.resize(per_row * per_row, false);
+        stale.resize(per_row * n_rows, false);
         if let Some(max_heights) = moving {
             for (stale, bounds) in stale.iter_mut().zip(&layer.light_bounds) {
                 *stale = bounds.may_be_shaded_by(max_heights);
             }
         }
         if samples_per_edge == 1 {
-            for (tile, (ids, stale)) in ids.iter_mut().zip(stale).enumerate() {
+            for (tile, (ids, stale)) in visibility.ids.iter_mut().zip(stale).enumerate() {
                 *stale |= S::I::load(ids).gt(no_id).any();
                 if *stale {
                     layer.composite_under::<S>(ids, tile);
@@ -169,8 +160,8 @@ impl Kernel for FindStaleTiles<'_> {
             return;
         }
         for (tile, stale) in stale.iter_mut().enumerate() {
-            let upper = tile / per_row * 2 * pitch + tile % per_row * 2;
-            let four = [upper, upper + 1, upper + pitch, upper + pitch + 1];
+            let four = visibility.sample_tiles(tile % per_row, tile / per_row);
+            let ids = &mut visibility.ids;
             let [a, b, c, d] = each!(k in 4 => S::I::load(&ids[four[k]]));
             *stale |= a.max(b).max(c.max(d)).gt(no_id).any();
             if *stale {
@@ -186,7 +177,7 @@ impl Kernel for FindStaleTiles<'_> {
 mod tests {
     use std::sync::{Arc, PoisonError};
 
-    use ipc_types::ControlMode;
+    use ipc_types::{ControlMode, ImageSizes};
 
     use super::StaticLayer;
     use crate::cpu::cache::scene_cache::SceneCache;
@@ -199,7 +190,7 @@ mod tests {
     fn layer(renderer: &mut CpuRenderer, scene: &Scene) -> (RenderScene, Arc<StaticLayer>) {
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
-        let scene = RenderScene::new(scene);
+        let scene = RenderScene::new(scene, ImageSizes::BENCHMARK);
         let _images = renderer.render_cameras(&scene, &snapshot);
         let layer = SceneCache::of(&scene).layers[0].lock().unwrap_or_else(PoisonError::into_inner).clone();
         (scene, layer.expect("a static camera must have a layer"))
@@ -213,7 +204,7 @@ mod tests {
             scene.lights.shadows = true;
             let mut world = World::build(&scene, ControlMode::EeDeltaPose);
             let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
-            let render = RenderScene::new(&scene);
+            let render = RenderScene::new(&scene, ImageSizes::BENCHMARK);
             let mut cached = || {
                 world.write_snapshot(&mut snapshot);
                 let _images = renderer.render_cameras(&render, &snapshot);

@@ -8,7 +8,7 @@ use crate::cpu::simd::each::each;
 use crate::cpu::simd::isa::Kernel;
 use crate::cpu::simd::{F32x16, FloatLike, I32x16, N_LANES, SetBits, Simd, SimdF32, SimdI32, SimdMask};
 use crate::cpu::visibility::raster::{NO_ID, Visibility};
-use crate::cpu::visibility::tile::{MultisampleTile, Tile4x4, TileLayout};
+use crate::cpu::visibility::tile::{MultisampleTile, TileLayout};
 
 /// Samples along each edge of a pixel.
 const PER_EDGE: usize = MultisampleTile::SAMPLES_PER_EDGE;
@@ -94,11 +94,11 @@ impl Fragments {
 impl<K: TileSink> Kernel for ShadeSamples<'_, K> {
     #[inline(always)]
     fn run<S: Simd>(mut self) {
-        let per_row = (self.visibility.side as usize / PER_EDGE) >> Tile4x4::WIDTH_BITS;
+        let [per_row, n_rows] = self.visibility.pixel_tiles(PER_EDGE);
         let mut tile_row = TileRow::new();
         let (mut samples, mut fragments) = (TileSamples::EMPTY, Fragments::EMPTY);
         let mut light = [[F32x16::ZERO; 3]; TILE_ROW];
-        for row in 0..per_row {
+        for row in 0..n_rows {
             for first in (0..per_row).step_by(TILE_ROW) {
                 let n = TILE_ROW.min(per_row - first);
                 for i in 0..n {
@@ -123,9 +123,7 @@ impl<K: TileSink> ShadeSamples<'_, K> {
     /// pixel.
     #[inline(always)]
     fn gather<S: Simd>(&self, column: usize, row: usize, i: usize, samples: &mut TileSamples) {
-        let pitch = self.visibility.side as usize >> Tile4x4::WIDTH_BITS;
-        let upper = row * PER_EDGE * pitch + column * PER_EDGE;
-        let tiles = [upper, upper + 1, upper + pitch, upper + pitch + 1];
+        let tiles = self.visibility.sample_tiles(column, row);
         let uniform_ids = each!(k in 4 => self.shader.surfaces.tile_ids[tiles[k]]);
         samples.uniform_ids[i] = if uniform_ids == [uniform_ids[0]; 4] { uniform_ids[0] } else { MIXED };
         let ids = S::interleave_tiles(each!(k in 4 => S::I::load(&self.visibility.ids[tiles[k]])));

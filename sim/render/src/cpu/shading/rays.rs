@@ -1,9 +1,10 @@
 //! View rays through the pixel centres of a tile.
 
+use ipc_types::ImageSize;
+
 use crate::cpu::simd::each::each;
 use crate::cpu::simd::isa::Kernel;
 use crate::cpu::simd::{F32x16, FloatLike, N_LANES, Simd, SimdF32};
-use crate::cpu::visibility::raster::MAX_TILES;
 use crate::cpu::visibility::tile::{Tile4x4, TileLayout};
 use crate::prepared::camera::PinholeCamera;
 
@@ -30,10 +31,10 @@ impl<S: Simd> ViewRays<S> {
 /// The view rays of a camera. The reciprocal ray lengths are cached, since they depend on the intrinsics
 /// alone.
 pub(crate) struct RayTable {
-    side: usize,
+    size: ImageSize,
     focal_px: f32,
-    /// x and y components of d at the centre of the image.
-    image_centre: [f32; 2],
+    /// Number of tiles in a row.
+    pitch: usize,
     /// 1/|d| per tile.
     inv_length: Vec<F32x16>,
 }
@@ -48,11 +49,11 @@ impl Kernel for ComputeRayTable<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
         let Self { rays, camera } = self;
-        (rays.side, rays.focal_px, rays.image_centre) = (camera.side, camera.focal_px, camera.image_centre);
+        let [n_columns, n_rows] = Tile4x4::cover(camera.size);
+        (rays.size, rays.focal_px, rays.pitch) = (camera.size, camera.focal_px, n_columns);
         rays.inv_length.clear();
-        let per_row = camera.side >> Tile4x4::WIDTH_BITS;
-        for tile in 0..per_row * per_row {
-            let (column, row) = (tile % per_row, tile / per_row);
+        for tile in 0..n_columns * n_rows {
+            let (column, row) = (tile % n_columns, tile / n_columns);
             let first = [(column << Tile4x4::WIDTH_BITS) as f32, (row << Tile4x4::HEIGHT_BITS) as f32];
             let mut inv_lengths = F32x16::ZERO;
             inv_length::<S>(rays.d::<S>(rays.pixel::<S>(first))).store(&mut inv_lengths);
@@ -64,27 +65,24 @@ impl Kernel for ComputeRayTable<'_> {
 impl RayTable {
     /// Creates an empty table that matches no camera.
     pub(crate) fn new() -> Self {
-        Self { side: 0, focal_px: 0.0, image_centre: [0.0; 2], inv_length: Vec::with_capacity(MAX_TILES) }
+        Self { size: ImageSize::square(0), focal_px: 0.0, pitch: 0, inv_length: Vec::new() }
     }
 
     /// Returns `true` if the table was computed for the intrinsics of `camera`.
     pub(crate) fn matches(&self, camera: &PinholeCamera) -> bool {
-        let bits = |focal_px: f32, [x, y]: [f32; 2]| [focal_px, x, y].map(f32::to_bits);
-        self.side == camera.side
-            && bits(self.focal_px, self.image_centre) == bits(camera.focal_px, camera.image_centre)
+        self.size == camera.size && self.focal_px.to_bits() == camera.focal_px.to_bits()
     }
 
     /// Returns the rays of a tile, given its column and row. Their depth is 1 until [`ViewRays::at`]
     /// replaces it.
     #[inline(always)]
     pub(crate) fn tile<S: Simd>(&self, column: usize, row: usize) -> ViewRays<S> {
-        let per_row = self.side >> Tile4x4::WIDTH_BITS;
         let first = [(column << Tile4x4::WIDTH_BITS) as f32, (row << Tile4x4::HEIGHT_BITS) as f32];
         let pixel = self.pixel::<S>(first);
         ViewRays {
             pixel,
             d: self.d::<S>(pixel),
-            inv_length: S::F::load(&self.inv_length[row * per_row + column]),
+            inv_length: S::F::load(&self.inv_length[row * self.pitch + column]),
             depth: S::F::splat(1.0),
         }
     }
@@ -115,8 +113,11 @@ impl RayTable {
     #[inline(always)]
     fn d<S: Simd>(&self, pixel: [S::F; 2]) -> [S::F; 2] {
         let inv_focal = 1.0 / self.focal_px;
-        let first = (0.5 - self.side as f32 / 2.0) * inv_focal;
-        each!(k in 2 => pixel[k].mul_add(S::F::splat(inv_focal), S::F::splat(first + self.image_centre[k])))
+        let n_px = [self.size.width, self.size.height];
+        each!(k in 2 => {
+            let first = (0.5 - n_px[k] as f32 / 2.0) * inv_focal;
+            pixel[k].mul_add(S::F::splat(inv_focal), S::F::splat(first))
+        })
     }
 }
 

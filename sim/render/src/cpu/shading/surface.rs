@@ -11,8 +11,7 @@ use crate::cpu::simd::isa::Kernel;
 use crate::cpu::simd::{F32x16, FloatLike, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask};
 use crate::cpu::visibility::instances::TransformX16;
 use crate::cpu::visibility::projection::Vectors;
-use crate::cpu::visibility::raster::{MAX_TILES, Visibility};
-use crate::cpu::visibility::tile::{Tile4x4, TileLayout};
+use crate::cpu::visibility::raster::Visibility;
 use crate::math::affine::Affine3;
 use crate::mesh::TriangleRecord;
 use crate::prepared::camera::PinholeCamera;
@@ -94,7 +93,7 @@ impl VisibleSurfaces {
         Self {
             records: Vec::with_capacity(N_IDS),
             uv_records: Vec::with_capacity(N_IDS),
-            tile_ids: Vec::with_capacity(MAX_TILES),
+            tile_ids: Vec::new(),
             visible: Vec::with_capacity(N_IDS),
             is_marked: false,
             indices: Vec::with_capacity(N_IDS),
@@ -180,7 +179,7 @@ impl Kernel for PrepareSurfaces<'_> {
         surfaces.start(scene.n_ids(), visibility.ids.len());
         match stale {
             Some(stale) => {
-                let per_row = camera.side >> Tile4x4::WIDTH_BITS;
+                let [per_row, _] = visibility.pixel_tiles(scale);
                 surfaces.mark_stale_tiles::<S>(&visibility.ids, stale, per_row, scale);
             }
             None => surfaces.mark_tiles::<S>(&visibility.ids),
@@ -242,18 +241,23 @@ pub(crate) fn is_uniform<S: Simd>(ids: &I32x16) -> bool {
 }
 
 /// Converts vectors v to the planes d·v over the image, where d = (x/z, y/z, 1) is the ray through a
-/// pixel's centre. Both are in the centred frame.
+/// pixel's centre.
 struct PlaneBuilder<S: Simd> {
     inv_focal: S::F,
-    principal: S::F,
+    /// Column of pixel (0, 0) relative to the centre of the image.
+    left: S::F,
+    /// Its row, minus its column.
+    top_minus_left: S::F,
 }
 
 impl<S: Simd> PlaneBuilder<S> {
     #[inline(always)]
     fn new(camera: &PinholeCamera) -> Self {
+        let [left, top] = camera.half_px().map(|half_px| 0.5 - half_px);
         Self {
             inv_focal: S::F::splat(1.0 / camera.focal_px),
-            principal: S::F::splat(0.5 - camera.side as f32 / 2.0),
+            left: S::F::splat(left),
+            top_minus_left: S::F::splat(top - left),
         }
     }
 
@@ -261,15 +265,15 @@ impl<S: Simd> PlaneBuilder<S> {
     #[inline(always)]
     fn dot_ray(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
         let (right, down) = (x * self.inv_focal, y * self.inv_focal);
-        [(right + down).mul_add(self.principal, z), right, down]
+        [down.mul_add(self.top_minus_left, (right + down).mul_add(self.left, z)), right, down]
     }
 }
 
 /// Per-instance inputs of the attribute setup.
 struct InstanceSetup<S: Simd> {
-    /// Transform from mesh grid steps to the centred frame, in which corners are snapped to the
-    /// rasteriser's grid. The triple products in the edge planes are the same there as in the view frame.
-    centred_from_steps: TransformX16<S>,
+    /// Transform from mesh grid steps to the view frame, in which corners are snapped to the rasteriser's
+    /// grid.
+    view_from_steps: TransformX16<S>,
     view_from_normal: TransformX16<S>,
     /// Texture tiles per mesh grid step along each axis; `None` if the instance is untextured.
     tiles_per_step: Option<Vectors<S>>,
@@ -284,11 +288,9 @@ impl<S: Simd> InstanceSetup<S> {
     #[inline(always)]
     fn new(instance: &Instance, view_from_mesh: &Affine3, camera: &PinholeCamera, scale: usize) -> Self {
         let (material, steps) = (&instance.material, instance.mesh().packed.grid_step);
-        let from_mesh =
-            camera.centring_shear().map_or(*view_from_mesh, |centring| centring.compose(view_from_mesh));
         let normals = Affine3 { linear: view_from_mesh.cofactors(), offset: [0.0; 3] };
         Self {
-            centred_from_steps: TransformX16::new(&from_mesh.scale_columns(steps)),
+            view_from_steps: TransformX16::new(&view_from_mesh.scale_columns(steps)),
             view_from_normal: TransformX16::new(&normals),
             tiles_per_step: match material.texture {
                 Some(texture) => {
@@ -325,7 +327,7 @@ impl<S: Simd> InstanceSetup<S> {
         }));
         let last = fields[TriangleRecord::CORNERS + 4].bitcast_i32().shr_arithmetic::<16>();
         let flat = (last & S::I::splat(TriangleRecord::FLAT_BIT)).gt(S::I::splat(0));
-        let [p, q, r] = each!(k in 3 => self.snap.snap::<S>(self.centred_from_steps.of(corners[k])));
+        let [p, q, r] = each!(k in 3 => self.snap.snap::<S>(self.view_from_steps.of(corners[k])));
         let (e, f) = (sub::<S>(&q, &p), sub::<S>(&r, &p));
         let edges = EdgePlanes::<S> {
             a: planes.dot_ray(cross::<S>(&p, &f)),
@@ -399,7 +401,7 @@ fn project_uv<S: Simd>(corner: &Vectors<S>, facing: S::I, tiles_per_step: &Vecto
 /// Snaps points to the rasteriser's grid of 1/256 px, so that every covered pixel lies inside the triangle.
 struct GridSnap {
     scale: f32,
-    centre: f32,
+    centre: [f32; 2],
     near_m: f32,
 }
 
@@ -408,7 +410,7 @@ impl GridSnap {
         let per_px = (256 * scale) as f32;
         Self {
             scale: camera.focal_px * per_px,
-            centre: camera.side as f32 / 2.0 * per_px,
+            centre: camera.half_px().map(|half_px| half_px * per_px),
             near_m: camera.clip_m[0],
         }
     }
@@ -416,13 +418,13 @@ impl GridSnap {
     /// Returns the snapped points. Points in front of the near plane are returned unchanged.
     #[inline(always)]
     fn snap<S: Simd>(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
-        let (scale, centre) = (S::F::splat(self.scale), S::F::splat(self.centre));
+        let scale = S::F::splat(self.scale);
         let depth = S::F::splat(1.0) / z;
         let per_scale = S::F::splat(1.0 / self.scale);
         // Coordinates beyond 2²³ are integers already, so rounding them has no effect.
         let before_near = S::F::splat(self.near_m).gt(z);
         let [x, y] = each!(k in 2 => {
-            let t = [x, y][k];
+            let (t, centre) = ([x, y][k], S::F::splat(self.centre[k]));
             let on_image = (t * depth).mul_add(scale, centre).round_to_i32().to_f32();
             t.select_or(before_near, (on_image - centre) * per_scale * z)
         });

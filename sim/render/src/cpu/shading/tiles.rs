@@ -13,7 +13,6 @@ use crate::cpu::simd::{
     Broadcast, F32x16, FloatLike, I32x16, N_LANES, SetBits, Simd, SimdF32, SimdI32, SimdMask,
 };
 use crate::cpu::visibility::raster::{NO_ID, Visibility};
-use crate::cpu::visibility::tile::{Tile4x4, TileLayout};
 use crate::texture::{self, TextureImage};
 use scene::Texture;
 
@@ -42,9 +41,9 @@ pub(crate) struct Shade<'a, K> {
 impl<K: TileSink> Kernel for Shade<'_, K> {
     #[inline(always)]
     fn run<S: Simd>(mut self) {
-        let per_row = self.visibility.side as usize >> Tile4x4::WIDTH_BITS;
+        let [per_row, n_rows] = self.visibility.pixel_tiles(1);
         let mut tile_row = TileRow::new();
-        for row in 0..per_row {
+        for row in 0..n_rows {
             for first in (0..per_row).step_by(TILE_ROW) {
                 let n = TILE_ROW.min(per_row - first);
                 let tiles = row * per_row + first..row * per_row + first + n;

@@ -215,9 +215,9 @@ mod tests {
     use crate::cpu::shadow::size::{CELL, CELLS};
     use crate::cpu::simd::isa::Isa;
     use crate::cpu::simd::{F32x16, FloatLike, N_LANES, Portable, Simd, SimdF32, SimdMask};
-    use crate::cpu::visibility::tile::TileLayout;
     use crate::math::affine::{Affine3, dot, normalised, scaled};
     use crate::prepared::camera::PinholeCamera;
+    use ipc_types::ImageSizes;
     use scene::stream::Stream;
     use sim::{Profile, TaskId};
 
@@ -253,9 +253,10 @@ mod tests {
     fn fully_lit_tiles_are_lit_at_every_pixel() {
         let mut stream = Stream::new(3, "sunlight");
         let scene = (TaskId::RaiseCube.task().nominal)(Profile::Strict).draw(1);
-        let (camera, mut rays) = (PinholeCamera::new(&scene.cameras[0]), RayTable::new());
+        let (camera, mut rays) =
+            (PinholeCamera::new(&scene.cameras[0], ImageSizes::BENCHMARK), RayTable::new());
         Isa::Portable.run(ComputeRayTable { rays: &mut rays, camera: &camera });
-        let per_row = camera.side >> Tile4x4::WIDTH_BITS;
+        let [per_row, _] = Tile4x4::cover(camera.size);
         let (heights, max_heights) = map(&mut stream);
         let nothing = MaxHeightPyramid::new();
         let [mut n_reported, mut n_sunlit, mut n_shaded] = [0; 3];

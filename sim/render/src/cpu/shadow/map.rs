@@ -61,7 +61,7 @@ impl HeightRaster {
         let Self { tiles, maps, is_empty } = self;
         if !*is_empty {
             let (behind, kind) = (ClearTo::Background(EMPTY_HEIGHT), PhantomData::<DepthTile>);
-            isa.run(ClearVisibility { visibility: tiles, side: SIDE, behind, tiles: kind });
+            isa.run(ClearVisibility { visibility: tiles, n_tiles: [TILES; 2], behind, tiles: kind });
         }
         *is_empty = false;
         isa.run(RasterizeInstances {

@@ -22,11 +22,11 @@ struct Polygon {
 #[inline(always)]
 pub(crate) fn draw<S: Simd, B: TileLayout>(
     triangle: [Vec3; 3],
-    projection: &PinholeProjection<'_>,
+    projection: &PinholeProjection,
     id: i32,
     visibility: &mut Visibility,
 ) {
-    if is_outside(&triangle, projection.slope) {
+    if is_outside(&triangle, projection.slopes) {
         return;
     }
     let polygon = clip_to_guard_band(triangle, projection);
@@ -36,25 +36,26 @@ pub(crate) fn draw<S: Simd, B: TileLayout>(
     }
 }
 
-/// Returns `true` if all of a triangle lies beyond one edge of an image with this slope. This rejects most
+/// Returns `true` if all of a triangle lies beyond one edge of an image with these slopes. This rejects most
 /// triangles that would need clipping.
-fn is_outside(triangle: &[Vec3; 3], slope: f32) -> bool {
-    [0, 1].iter().any(|&axis| {
+fn is_outside(triangle: &[Vec3; 3], slopes: [f32; 2]) -> bool {
+    [0, 1].into_iter().any(|axis| {
+        let slope = slopes[axis];
         triangle.iter().all(|p| p[axis] > slope * p[2]) || triangle.iter().all(|p| -p[axis] > slope * p[2])
     })
 }
 
 #[inline(never)]
-fn clip_to_guard_band(triangle: [Vec3; 3], projection: &PinholeProjection<'_>) -> Polygon {
+fn clip_to_guard_band(triangle: [Vec3; 3], projection: &PinholeProjection) -> Polygon {
     let mut polygon = Polygon { corners: [[0.0; 3]; MAX_CORNERS], n: 3 };
     polygon.corners[..3].copy_from_slice(&triangle);
-    let guard = projection.guard_slope;
+    let [right, down] = projection.guard_slopes;
     polygon
         .clip_plane(|p| p[2] - projection.near_m)
-        .clip_plane(|p| guard * p[2] - p[0])
-        .clip_plane(|p| guard * p[2] + p[0])
-        .clip_plane(|p| guard * p[2] - p[1])
-        .clip_plane(|p| guard * p[2] + p[1])
+        .clip_plane(|p| right * p[2] - p[0])
+        .clip_plane(|p| right * p[2] + p[0])
+        .clip_plane(|p| down * p[2] - p[1])
+        .clip_plane(|p| down * p[2] + p[1])
 }
 
 impl Polygon {

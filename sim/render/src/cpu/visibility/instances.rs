@@ -128,8 +128,8 @@ fn draw_batch<S: Simd, B: TileLayout, L: ScreenProjection>(
     let behind_near = at_p.behind_near & at_q.behind_near & at_r.behind_near;
     let needs_clip = at_p.needs_clip | at_q.needs_clip | at_r.needs_clip;
     let corners = [projection.project::<S>(&p), projection.project::<S>(&q), projection.project::<S>(&r)];
-    let extent = PixelBounds::<S>::of(&corners, visibility.side);
-    if let Some(small) = prepare::<S, B>(&corners, &extent, needs_clip, visibility.side) {
+    let extent = PixelBounds::<S>::of::<B>(&corners, visibility.tiles);
+    if let Some(small) = prepare::<S, B>(&corners, &extent, needs_clip, visibility.tiles[0]) {
         visibility.rasterize_small::<S, B>(&small, first_id, bins);
     }
     let large = extent.large.and_not(needs_clip).to_bits();
@@ -175,12 +175,12 @@ struct PixelBounds<S: Simd> {
 
 impl<S: Simd> PixelBounds<S> {
     #[inline(always)]
-    fn of([p, q, r]: &[Projected<S>; 3], side: i32) -> Self {
+    fn of<B: TileLayout>([p, q, r]: &[Projected<S>; 3], tiles: [i32; 2]) -> Self {
         let (min_x, max_x) = (p.x.min(q.x).min(r.x), p.x.max(q.x).max(r.x));
         let (min_y, max_y) = (p.y.min(q.y).min(r.y), p.y.max(q.y).max(r.y));
         let size = (max_x - min_x).max(max_y - min_y);
-        let (from_x, to_x) = pixels_between::<S>(min_x, max_x, side);
-        let (from_y, to_y) = pixels_between::<S>(min_y, max_y, side);
+        let (from_x, to_x) = pixels_between::<S>(min_x, max_x, tiles[0] << B::WIDTH_BITS);
+        let (from_y, to_y) = pixels_between::<S>(min_y, max_y, tiles[1] << B::HEIGHT_BITS);
         let empty = from_x.gt(to_x) | from_y.gt(to_y);
         let large = size.gt(S::I::splat(SMALL_EXTENT - 1)).and_not(empty);
         Self { from: [from_x, from_y], to: [to_x, to_y], empty, large }
@@ -194,7 +194,7 @@ fn prepare<S: Simd, B: TileLayout>(
     corners: &[Projected<S>; 3],
     extent: &PixelBounds<S>,
     needs_clip: S::M,
-    side: i32,
+    tiles_per_row: i32,
 ) -> Option<SmallTriangles<S>> {
     let [p, q, r] = corners;
     let PixelBounds { from: [from_x, from_y], to: [to_x, to_y], empty, large } = *extent;
@@ -251,7 +251,7 @@ fn prepare<S: Simd, B: TileLayout>(
         depth_dy: dy,
         depth_min: p.depth.min(q.depth).min(r.depth),
         depth_max: p.depth.max(q.depth).max(r.depth),
-        tile: tile_y.dot_i16(splat(side >> B::WIDTH_BITS)) + tile_x,
+        tile: tile_y.dot_i16(splat(tiles_per_row)) + tile_x,
         more: [
             to_x.shr_arithmetic_by(B::WIDTH_BITS) - tile_x,
             to_y.shr_arithmetic_by(B::HEIGHT_BITS) - tile_y,
@@ -265,11 +265,11 @@ fn pack_i16<S: Simd>(lower: S::I, upper: S::I) -> S::I {
     (lower & S::I::splat(0xFFFF)) | upper.shl::<16>()
 }
 
-/// Returns the first and last pixel whose centre lies between two coordinates in 1/256 px. Pixel i has its
-/// centre at 256 i + 128.
+/// Returns the first and last of `n` pixels whose centres lie between two coordinates in 1/256 px. Pixel i
+/// has its centre at 256 i + 128.
 #[inline(always)]
-fn pixels_between<S: Simd>(min: S::I, max: S::I, side: i32) -> (S::I, S::I) {
+fn pixels_between<S: Simd>(min: S::I, max: S::I, n: i32) -> (S::I, S::I) {
     let first = (min + S::I::splat(127)).shr_arithmetic::<8>().max(S::I::splat(0));
-    let last = (max - S::I::splat(128)).shr_arithmetic::<8>().min(S::I::splat(side - 1));
+    let last = (max - S::I::splat(128)).shr_arithmetic::<8>().min(S::I::splat(n - 1));
     (first, last)
 }

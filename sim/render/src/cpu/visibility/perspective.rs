@@ -10,7 +10,7 @@ use crate::math::affine::{Affine3, Vec3};
 use crate::mesh::ClusterBounds;
 use crate::prepared::Instance;
 
-impl ScreenProjection for PinholeProjection<'_> {
+impl ScreenProjection for PinholeProjection {
     fn includes(&self, _instance: &Instance) -> bool {
         true
     }
@@ -18,16 +18,22 @@ impl ScreenProjection for PinholeProjection<'_> {
     #[inline(always)]
     fn begin_mesh(&mut self, view_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool {
         self.eye_in_mesh = view_from_mesh.preimage_of_origin();
-        self.camera.may_intersect_sphere(view_from_mesh, centre, radius)
+        let [x, y, z] = view_from_mesh.transform_point(centre);
+        let radius = radius * view_from_mesh.max_scale();
+        z + radius >= self.near_m
+            && z - radius <= self.far_m
+            && x.abs() - self.slopes[0] * z <= radius * self.sphere_margins[0]
+            && y.abs() - self.slopes[1] * z <= radius * self.sphere_margins[1]
     }
 
     #[inline(always)]
     fn project<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> Projected<S> {
         let depth = S::F::splat(1.0) / *z;
-        let (scale, middle) = (S::F::splat(self.focal_px * 256.0), S::F::splat(self.half_px * 256.0));
+        let scale = S::F::splat(self.focal_px * 256.0);
+        let [column, row] = each!(k in 2 => S::F::splat(self.half_px[k] * 256.0));
         Projected {
-            x: (*x * depth).mul_add(scale, middle).round_to_i32(),
-            y: (*y * depth).mul_add(scale, middle).round_to_i32(),
+            x: (*x * depth).mul_add(scale, column).round_to_i32(),
+            y: (*y * depth).mul_add(scale, row).round_to_i32(),
             depth,
         }
     }
@@ -35,23 +41,23 @@ impl ScreenProjection for PinholeProjection<'_> {
     #[inline(always)]
     fn needs_clip<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> ClipFlags<S> {
         let behind_near = S::F::splat(self.near_m).gt(*z);
-        let guard = *z * S::F::splat(self.guard_slope);
-        let opposite = *z * S::F::splat(-self.guard_slope);
-        let needs_clip = behind_near | x.gt(guard) | opposite.gt(*x) | y.gt(guard) | opposite.gt(*y);
+        let [right, bottom] = each!(k in 2 => *z * S::F::splat(self.guard_slopes[k]));
+        let [left, top] = each!(k in 2 => *z * S::F::splat(-self.guard_slopes[k]));
+        let needs_clip = behind_near | x.gt(right) | left.gt(*x) | y.gt(bottom) | top.gt(*y);
         ClipFlags { behind_near, needs_clip }
     }
 
     #[inline(always)]
     fn cull_clusters<S: Simd>(&self, bounds: &ClusterBounds, [x, y, z]: &Vectors<S>, radius: S::F) -> u16 {
-        let slack = radius * S::F::splat(self.sphere_margin);
-        let edge = z.mul_add(S::F::splat(self.slope), slack);
+        let [right, bottom] = each!(k in 2 =>
+            z.mul_add(S::F::splat(self.slopes[k]), radius * S::F::splat(self.sphere_margins[k])));
         let zero = S::F::splat(0.0);
         let outside = S::F::splat(self.near_m).gt(*z + radius)
             | (*z - radius).gt(S::F::splat(self.far_m))
-            | x.gt(edge)
-            | (zero - *x).gt(edge)
-            | y.gt(edge)
-            | (zero - *y).gt(edge);
+            | x.gt(right)
+            | (zero - *x).gt(right)
+            | y.gt(bottom)
+            | (zero - *y).gt(bottom);
         let [a, b, c] = each!(k in 3 => S::F::load(&bounds.centre[k]) - S::F::splat(self.eye_in_mesh[k]));
         let distance = c.mul_add(c, b.mul_add(b, a * a)).sqrt();
         let [l, m, n] = each!(k in 3 => S::F::load(&bounds.axis[k]));

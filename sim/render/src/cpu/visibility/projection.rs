@@ -53,20 +53,19 @@ pub(crate) struct ClipFlags<S: Simd> {
     pub(crate) needs_clip: S::M,
 }
 
-/// The perspective projection of a camera. Its view frame is the centred frame.
-pub(crate) struct PinholeProjection<'a> {
-    pub(crate) camera: &'a PinholeCamera,
+/// The perspective projection of a camera.
+pub(crate) struct PinholeProjection {
     pub(crate) focal_px: f32,
-    /// Half the side of the image, in px.
-    pub(crate) half_px: f32,
+    /// Half the width and height of the image, in px.
+    pub(crate) half_px: [f32; 2],
     pub(crate) near_m: f32,
     pub(crate) far_m: f32,
     /// Maximum |x/z| and |y/z| inside the image.
-    pub(crate) slope: f32,
-    /// Value of [`PinholeCamera::sphere_margin`].
-    pub(crate) sphere_margin: f32,
+    pub(crate) slopes: [f32; 2],
+    /// Values of [`PinholeCamera::sphere_margins`].
+    pub(crate) sphere_margins: [f32; 2],
     /// Maximum |x/z| and |y/z| inside the guard band.
-    pub(crate) guard_slope: f32,
+    pub(crate) guard_slopes: [f32; 2],
     /// Position of the camera in the mesh frame.
     pub(crate) eye_in_mesh: Vec3,
 }
@@ -75,22 +74,20 @@ pub(crate) struct PinholeProjection<'a> {
 /// clipping.
 const GUARD_PX: f32 = 448.0;
 
-impl<'a> PinholeProjection<'a> {
+impl PinholeProjection {
     /// Creates the projection for a grid with `scale` samples per pixel along each edge.
-    pub(crate) fn new(camera: &'a PinholeCamera, scale: usize) -> Self {
-        let half_px = (camera.side * scale) as f32 / 2.0;
+    pub(crate) fn new(camera: &PinholeCamera, scale: usize) -> Self {
+        let half_px = camera.half_px().map(|half_px| half_px * scale as f32);
         let focal_px = camera.focal_px * scale as f32;
         let [near_m, far_m] = camera.clip_m;
-        let slope = half_px / focal_px;
         Self {
-            camera,
             focal_px,
             half_px,
             near_m,
             far_m,
-            slope,
-            sphere_margin: camera.sphere_margin(slope),
-            guard_slope: (half_px + GUARD_PX) / focal_px,
+            slopes: camera.slopes(),
+            sphere_margins: camera.sphere_margins(),
+            guard_slopes: half_px.map(|half_px| (half_px + GUARD_PX) / focal_px),
             eye_in_mesh: [0.0; 3],
         }
     }
@@ -99,9 +96,9 @@ impl<'a> PinholeProjection<'a> {
     #[inline(always)]
     pub(crate) fn corner(&self, [x, y, z]: Vec3) -> ScreenVertex {
         let depth = 1.0 / z;
-        let on_image = |t: f32| {
-            (t * depth).mul_add(self.focal_px * 256.0, self.half_px * 256.0).round_ties_even() as i32
+        let on_image = |t: f32, half_px: f32| {
+            (t * depth).mul_add(self.focal_px * 256.0, half_px * 256.0).round_ties_even() as i32
         };
-        ScreenVertex { x: on_image(x), y: on_image(y), depth }
+        ScreenVertex { x: on_image(x, self.half_px[0]), y: on_image(y, self.half_px[1]), depth }
     }
 }

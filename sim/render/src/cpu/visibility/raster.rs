@@ -5,22 +5,18 @@
 
 use core::marker::PhantomData;
 
-use ipc_types::EXTERNAL_SIDE;
-
 use crate::cpu::simd::each::each;
 use crate::cpu::simd::isa::Kernel;
 use crate::cpu::simd::{F32x16, FloatLike, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask};
 use crate::cpu::visibility::tile::TileLayout;
 
-/// Number of tiles of the largest image.
-pub(crate) const MAX_TILES: usize = EXTERNAL_SIDE * EXTERNAL_SIDE / N_LANES;
 /// Id of the background.
 pub(crate) const NO_ID: i32 = -1;
 
 /// A projected triangle corner.
 #[derive(Clone, Copy)]
 pub(crate) struct ScreenVertex {
-    /// Distance from the left edge in 1/256 px, within about ±2¹⁸.
+    /// Distance from the left edge in 1/256 px, within about ±2²⁰ for the largest image.
     pub(crate) x: i32,
     /// Distance from the top edge in 1/256 px.
     pub(crate) y: i32,
@@ -30,8 +26,8 @@ pub(crate) struct ScreenVertex {
 
 /// Visibility buffer: the nearest triangle of every pixel, tile by tile in row-major order.
 pub(crate) struct Visibility {
-    /// Number of pixels along each edge.
-    pub(crate) side: i32,
+    /// Number of tiles in a row and in a column.
+    pub(crate) tiles: [i32; 2],
     /// Depth of the nearest triangle.
     pub(crate) depths: Vec<F32x16>,
     /// Id of the nearest triangle, or [`NO_ID`]. Empty for tile layouts without ids.
@@ -41,20 +37,30 @@ pub(crate) struct Visibility {
 }
 
 impl Visibility {
-    /// Creates an empty buffer with capacity for the largest image.
-    pub(crate) fn new() -> Self {
-        Self {
-            side: 0,
-            depths: Vec::with_capacity(MAX_TILES),
-            ids: Vec::with_capacity(MAX_TILES),
-            drawn: Vec::with_capacity(MAX_TILES),
-        }
+    /// Creates an empty buffer. It grows to the largest image.
+    pub(crate) const fn new() -> Self {
+        Self { tiles: [0; 2], depths: Vec::new(), ids: Vec::new(), drawn: Vec::new() }
+    }
+
+    /// Returns the numbers of pixel tiles in a row and in a column, for `scale` samples along each edge of a
+    /// pixel.
+    #[inline(always)]
+    pub(crate) fn pixel_tiles(&self, scale: usize) -> [usize; 2] {
+        self.tiles.map(|n| n as usize / scale)
+    }
+
+    /// Returns the tiles with the samples of a pixel tile, two along each edge of a pixel.
+    #[inline(always)]
+    pub(crate) fn sample_tiles(&self, column: usize, row: usize) -> [usize; 4] {
+        let pitch = self.tiles[0] as usize;
+        let upper = row * 2 * pitch + column * 2;
+        [upper, upper + 1, upper + pitch, upper + pitch + 1]
     }
 
     /// Rasterises a triangle of any size. Culls back faces.
     #[inline(always)]
     pub(crate) fn rasterize_large<S: Simd, B: TileLayout>(&mut self, corners: &[ScreenVertex; 3], id: i32) {
-        let Some(large) = LargeTriangle::new::<B>(corners, self.side) else {
+        let Some(large) = LargeTriangle::new::<B>(corners, self.tiles) else {
             return;
         };
         let plane =
@@ -64,7 +70,7 @@ impl Visibility {
             let edge = &large.edges[k];
             S::I::splat(edge.dx).mul(columns) + S::I::splat(edge.dy).mul(rows)
         });
-        let pitch = self.side >> B::WIDTH_BITS;
+        let [pitch, _] = self.tiles;
         let mut pixels = VisibilityTarget::of::<B>(self);
         let id = S::I::splat(id);
         let min_change = large.edges.map(|edge| edge.min_change::<B>());
@@ -74,8 +80,8 @@ impl Visibility {
             let mut at = large.edges.map(|edge| edge.at(first_px, py));
             let mut first_depth = large.depth_at(first_px, py);
             for x in from_x..to_x + 1 {
-                let (first, depth) = (at, plane.at(first_depth));
-                at = each!(k in 3 => at[k].wrapping_add(large.edges[k].dx << B::WIDTH_BITS));
+                let (first, depth) = (each!(k in 3 => at[k].min(FAR_INSIDE) as i32), plane.at(first_depth));
+                at = each!(k in 3 => at[k] + i64::from(large.edges[k].dx << B::WIDTH_BITS));
                 first_depth += plane.right;
                 let inside =
                     (first[0] + min_change[0]) | (first[1] + min_change[1]) | (first[2] + min_change[2]);
@@ -91,10 +97,11 @@ impl Visibility {
     }
 }
 
-/// Kernel that clears the buffer for a square image.
+/// Kernel that clears the buffer for an image.
 pub(crate) struct ClearVisibility<'a, B> {
     pub(crate) visibility: &'a mut Visibility,
-    pub(crate) side: usize,
+    /// Number of tiles in a row and in a column.
+    pub(crate) n_tiles: [usize; 2],
     pub(crate) behind: ClearTo<'a>,
     pub(crate) tiles: PhantomData<B>,
 }
@@ -110,14 +117,9 @@ pub(crate) enum ClearTo<'a> {
 impl<B: TileLayout> Kernel for ClearVisibility<'_, B> {
     #[inline(always)]
     fn run<S: Simd>(self) {
-        let Self { visibility: Visibility { side, depths, ids, drawn }, .. } = self;
-        assert!(
-            self.side.is_multiple_of(B::WIDTH as usize) && self.side.is_multiple_of(B::HEIGHT as usize),
-            "side {}",
-            self.side
-        );
-        let n_tiles = (self.side * self.side) >> (B::WIDTH_BITS + B::HEIGHT_BITS);
-        *side = self.side as i32;
+        let Self { visibility: Visibility { tiles, depths, ids, drawn }, .. } = self;
+        *tiles = self.n_tiles.map(|n| n as i32);
+        let n_tiles = self.n_tiles[0] * self.n_tiles[1];
         match self.behind {
             ClearTo::Background(depth) => fill(depths, n_tiles, F32x16([depth; N_LANES])),
             ClearTo::Depths(behind) => {
@@ -228,11 +230,16 @@ struct LargeTriangle {
     to_y: i32,
 }
 
+/// Value of an edge function that is not negative anywhere near. Greater ones, which occur in images of more
+/// than 2²³ px, are lowered to it so that they fit in 32 bits. None is far below zero, because
+/// [`LargeTriangle::span`] leaves such tiles out.
+const FAR_INSIDE: i64 = 1 << 30;
+
 /// An edge function at pixel centres, in the units of [`super::small_triangles::SmallTriangles::edges`].
 #[derive(Clone, Copy)]
 struct Edge {
     /// Value at the centre of pixel (0, 0).
-    origin: i32,
+    origin: i64,
     dx: i32,
     dy: i32,
 }
@@ -241,7 +248,7 @@ impl LargeTriangle {
     /// Sets up a triangle. Returns `None` for back faces and for triangles whose bounding box has no pixel
     /// centre.
     #[inline(always)]
-    fn new<B: TileLayout>([p, q, r]: &[ScreenVertex; 3], side: i32) -> Option<Self> {
+    fn new<B: TileLayout>([p, q, r]: &[ScreenVertex; 3], tiles: [i32; 2]) -> Option<Self> {
         let (qx, qy) = (i64::from(q.x - p.x), i64::from(q.y - p.y));
         let (rx, ry) = (i64::from(r.x - p.x), i64::from(r.y - p.y));
         let area = qx * ry - rx * qy;
@@ -250,9 +257,9 @@ impl LargeTriangle {
         }
         // Pixel i has its centre at 256 i + 128.
         let first = |a: i32, b: i32, c: i32| ((a.min(b).min(c) + 127) >> 8).max(0);
-        let last = |a: i32, b: i32, c: i32| ((a.max(b).max(c) - 128) >> 8).min(side - 1);
-        let (from_x, to_x) = (first(p.x, q.x, r.x), last(p.x, q.x, r.x));
-        let (from_y, to_y) = (first(p.y, q.y, r.y), last(p.y, q.y, r.y));
+        let last = |a: i32, b: i32, c: i32, n: i32| ((a.max(b).max(c) - 128) >> 8).min(n - 1);
+        let (from_x, to_x) = (first(p.x, q.x, r.x), last(p.x, q.x, r.x, tiles[0] << B::WIDTH_BITS));
+        let (from_y, to_y) = (first(p.y, q.y, r.y), last(p.y, q.y, r.y, tiles[1] << B::HEIGHT_BITS));
         if from_x > to_x || from_y > to_y {
             return None;
         }
@@ -282,9 +289,9 @@ impl LargeTriangle {
             let y = (tile_y << B::HEIGHT_BITS) + if edge.dy > 0 { B::HEIGHT - 1 } else { 0 };
             let crossing = -edge.at(0, y) as f32 / edge.dx as f32;
             if edge.dx > 0 {
-                from = from.max(crossing as i32 - 1);
+                from = from.max((crossing - 1.0) as i32);
             } else if edge.dx < 0 {
-                to = to.min(crossing as i32 + 1);
+                to = to.min((crossing + 1.0) as i32);
             }
         }
         (from >> B::WIDTH_BITS, to >> B::WIDTH_BITS)
@@ -306,7 +313,7 @@ impl Edge {
         // Top-left rule: a centre on an edge is inside if the edge is a top or left edge.
         let bias = i64::from(!(dy < 0 || (dy == 0 && dx > 0)));
         let origin = i64::from(dx) * i64::from(128 - p.y) - i64::from(dy) * i64::from(128 - p.x) - bias;
-        Self { origin: (origin >> 8) as i32, dx: -dy, dy: dx }
+        Self { origin: origin >> 8, dx: -dy, dy: dx }
     }
 
     /// Returns the minimum difference between the value at a pixel of a tile and at its first pixel.
@@ -316,7 +323,7 @@ impl Edge {
     }
 
     #[inline(always)]
-    fn at(&self, x: i32, y: i32) -> i32 {
-        self.origin + self.dx * x + self.dy * y
+    fn at(&self, x: i32, y: i32) -> i64 {
+        self.origin + i64::from(self.dx) * i64::from(x) + i64::from(self.dy) * i64::from(y)
     }
 }

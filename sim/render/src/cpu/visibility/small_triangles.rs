@@ -173,7 +173,7 @@ impl Visibility {
             }
             row.edges = each!(k in 3 => row.edges[k] + down[k]);
             row.depth = row.depth + depth_down;
-            row.tile = row.tile + splat(self.side >> B::WIDTH_BITS);
+            row.tile = row.tile + splat(self.tiles[0]);
         }
         self.flush_bins::<S, B>(bins);
     }

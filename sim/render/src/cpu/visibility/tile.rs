@@ -1,5 +1,7 @@
 //! Tile layouts: how sixteen neighbouring pixels or samples that are processed together map to lanes.
 
+use ipc_types::ImageSize;
+
 use crate::Samples;
 use crate::cpu::simd::{F32x16, I32x16, N_LANES};
 
@@ -45,6 +47,12 @@ pub(crate) struct MultisampleTile;
 impl Tile4x4 {
     /// Lanes at the corners, in row-major order.
     pub(crate) const CORNERS: [usize; 4] = [0, 3, 12, 15];
+
+    /// Returns the numbers of tiles in a row and in a column that cover an image. The last ones may extend
+    /// beyond it.
+    pub(crate) fn cover(size: ImageSize) -> [usize; 2] {
+        [size.width.div_ceil(Self::WIDTH as usize), size.height.div_ceil(Self::HEIGHT as usize)]
+    }
 }
 
 /// 4 × 4 texels of a shadow map, of which only the depths are recorded.

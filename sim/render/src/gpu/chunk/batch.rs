@@ -1,9 +1,11 @@
 //! Host-side preparation of a chunk of views: one record per view, and the poses of their envs. The device
 //! derives the rest from the resident scenes.
 
+use ipc_types::ImageSize;
+
 use super::records::{NONE, PoseRecord, SunRecord, ViewRecord, padded, rows};
 use super::shadow::map_from_world;
-use super::size::ChunkSize;
+use super::size::{ChunkSize, n_device_pixels, whole_tiles};
 use crate::View;
 use crate::gpu::resident::assets::Assets;
 use crate::gpu::resident::scenes::{ResidentScenes, SceneRange, push_poses};
@@ -21,10 +23,11 @@ pub(crate) struct ViewBatch {
     pub(crate) size: ChunkSize,
     /// Number of views that are images.
     pub(crate) n_images: u32,
-    /// Largest side of an image in px.
-    pub(crate) max_side: u32,
+    /// Number of pixels of the largest image.
+    pub(crate) max_pixels: u32,
     /// Shadow maps of the envs, in their order.
     maps: Vec<ViewRecord>,
+    samples_per_axis: u32,
 }
 
 /// The env whose images are being added.
@@ -37,6 +40,11 @@ struct CurrentEnv {
 }
 
 impl ViewBatch {
+    /// Creates an empty batch of images with so many samples per pixel along each axis.
+    pub(crate) fn new(samples_per_axis: u32) -> Self {
+        Self { samples_per_axis, ..Self::default() }
+    }
+
     /// Replaces the contents of the batch by the first views, as many as the limit permits but at least one.
     /// Returns their number.
     pub(crate) fn fill(
@@ -70,7 +78,7 @@ impl ViewBatch {
         self.poses.clear();
         self.maps.clear();
         self.size = ChunkSize::default();
-        (self.n_images, self.max_side) = (0, 0);
+        (self.n_images, self.max_pixels) = (0, 0);
     }
 
     /// Adds the poses of a view's env, and its shadow map if it has one.
@@ -92,9 +100,9 @@ impl ViewBatch {
             // Index among the shadow maps, until their place among all views is known.
             shadow_map: env.map.unwrap_or(NONE),
             first_pose: env.first_pose,
-            ..in_scene(image_record(view), env.scene)
+            ..in_scene(image_record(view, self.samples_per_axis), env.scene)
         };
-        self.max_side = self.max_side.max(record.side);
+        self.max_pixels = self.max_pixels.max(record.size[0] * record.size[1]);
         self.n_images += 1;
         self.views.push(record);
     }
@@ -123,7 +131,7 @@ fn size_of_view(view: &View<'_>, scene: SceneRange, is_new_env: bool) -> ChunkSi
     let n_maps = u64::from(is_new_env && view.scene.shadow_centre.is_some());
     ChunkSize {
         images: 1,
-        pixels: (view.out.len() / 3) as u64,
+        pixels: n_device_pixels(view),
         shadow_maps: n_maps,
         instances: (1 + n_maps) * n_instances,
         image_blocks: n_blocks,
@@ -136,7 +144,7 @@ fn in_scene(record: ViewRecord, scene: SceneRange) -> ViewRecord {
     ViewRecord { first_scene_instance: scene.first, n_instances: scene.n_instances, ..record }
 }
 
-fn image_record(view: &View<'_>) -> ViewRecord {
+fn image_record(view: &View<'_>, samples_per_axis: u32) -> ViewRecord {
     let (scene, camera) = (view.scene, &view.scene.cameras[view.camera_idx]);
     let view_from_world = camera.view_from_world(view.snapshot);
     let sun = |i: usize| SunRecord {
@@ -146,16 +154,16 @@ fn image_record(view: &View<'_>) -> ViewRecord {
     let shadow_from_view = scene.shadow_centre.map_or([[0.0; 4]; 3], |centre| {
         rows(&map_from_world(scene.suns[0].towards, centre).compose(&view_from_world.rigid_inverse()))
     });
-    let half_px = camera.side as f32 / 2.0;
     let [near_m, far_m] = camera.clip_m;
     ViewRecord {
         focal_px: camera.focal_px,
-        half_px,
         near_m,
         inverse_far: 1.0 / far_m,
-        side: camera.side as u32,
         far_m,
-        sphere_margin: camera.sphere_margin(half_px / camera.focal_px),
+        half_px: camera.half_px(),
+        sphere_margins: camera.sphere_margins(),
+        size: whole_tiles(camera.size),
+        guard_px: guard_px(camera.size, samples_per_axis),
         view_from_world: rows(&view_from_world),
         ambient: padded(scene.ambient),
         suns: [sun(0), sun(1)],
@@ -164,10 +172,17 @@ fn image_record(view: &View<'_>) -> ViewRecord {
     }
 }
 
+/// Returns the width of the guard band. Edge functions fit in 32 bits if image and guard band together have
+/// at most 2²³ samples.
+fn guard_px(size: ImageSize, samples_per_axis: u32) -> f32 {
+    const MAX_SIDE: f32 = 2896.0;
+    let mean_px = (size.width + size.height) as f32 / 2.0;
+    ((MAX_SIDE / samples_per_axis as f32 - mean_px) / 2.0).min(448.0)
+}
+
 fn shadow_map_record(towards: Vec3, centre: Vec3) -> ViewRecord {
     ViewRecord {
-        side: SHADOW_MAP_SIDE,
-        half_px: SHADOW_MAP_SIDE as f32 / 2.0,
+        size: [SHADOW_MAP_SIDE; 2],
         shadow_map: NONE,
         is_shadow_map: 1,
         view_from_world: rows(&map_from_world(towards, centre)),

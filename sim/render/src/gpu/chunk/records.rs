@@ -33,14 +33,23 @@ pub(crate) struct SunRecord {
 pub(crate) struct ViewRecord {
     /// Focal length in px.
     pub(crate) focal_px: f32,
-    /// Half the image's side.
-    pub(crate) half_px: f32,
     /// Depth of the near clipping plane in m.
     pub(crate) near_m: f32,
     /// Reciprocal of the depth of the far clipping plane, in 1/m.
     pub(crate) inverse_far: f32,
-    /// Pixels along each edge.
-    pub(crate) side: u32,
+    /// Depth of the far clipping plane in m.
+    pub(crate) far_m: f32,
+    /// Half the width and height of the image.
+    pub(crate) half_px: [f32; 2],
+    /// Distances in m along x and y, per metre of radius, by which the centre of a sphere may lie outside an
+    /// edge of the image while the sphere is still visible.
+    pub(crate) sphere_margins: [f32; 2],
+    /// Columns and rows in whole tiles, of which the image is the left upper part.
+    pub(crate) size: [u32; 2],
+    /// Width of the guard band: triangles are clipped only if they extend farther beyond the image's edges.
+    pub(crate) guard_px: f32,
+    /// 1 for a shadow map, 0 for an image.
+    pub(crate) is_shadow_map: u32,
     /// Index of the first pixel: the number of pixels of all preceding views of the same kind.
     pub(crate) first_pixel: u32,
     /// Index of the first instance.
@@ -53,13 +62,6 @@ pub(crate) struct ViewRecord {
     pub(crate) n_instances: u32,
     /// Index of the env's first pose.
     pub(crate) first_pose: u32,
-    /// Depth of the far clipping plane in m.
-    pub(crate) far_m: f32,
-    /// Distance in m, per metre of radius, by which the centre of a sphere may lie outside an edge of the
-    /// image while the sphere is still visible.
-    pub(crate) sphere_margin: f32,
-    /// 1 for a shadow map, 0 for an image.
-    pub(crate) is_shadow_map: u32,
     /// Padding to 16 bytes.
     pub(crate) padding: [u32; 2],
     /// Rows of the transform from the world to the view frame, or to shadow map texels and height.
@@ -120,7 +122,7 @@ pub(crate) struct VertexRecord {
     pub(crate) normal: [f32; 4],
 }
 
-const _: () = assert!(size_of::<ViewRecord>() == 240 && size_of::<SceneInstanceRecord>() == 128);
+const _: () = assert!(size_of::<ViewRecord>() == 256 && size_of::<SceneInstanceRecord>() == 128);
 const _: () = assert!(size_of::<VertexRecord>() == 32 && N_SUNS == 2);
 
 /// Converts a transform to the rows of a 3 × 4 matrix, with the translation in the last column.

@@ -1,11 +1,13 @@
 //! Chunks of views: how many are rendered at a time, and the device memory that they take.
 
 use bytemuck::{Pod, Zeroable};
-use ipc_types::{EXTERNAL_SIDE, HAND_SIDE};
+use ipc_types::{ImageSize, ImageSizes};
 
 use gpu::{AdapterKind, GpuDevice};
 
 use super::records::{INSTANCE_BYTES, PoseRecord, ViewRecord};
+use crate::View;
+use crate::renderer::OpenRendererError;
 use crate::shading::SHADOW_MAP_SIDE;
 use run_config::Samples;
 
@@ -30,6 +32,10 @@ const LIST_HEADER_BYTES: u64 = 8;
 /// the suite's scenes, DualArmDrawerOpen and DualArmDrawerPlace have the most: 480 per view, and 900. Single
 /// threads rasterise those beyond, slowly, and not entirely on a software driver that limits loops.
 const LARGE_PER_VIEW: u64 = 1024;
+/// Number of samples for each large triangle for which there is room in larger images.
+const SAMPLES_PER_LARGE: u64 = 64;
+/// Side of the pixel tile that a workgroup shades.
+pub(crate) const TILE: u32 = 8;
 
 /// Number of counts in a [`ChunkSize`].
 const N_COUNTS: usize = size_of::<ChunkSize>() / size_of::<u64>();
@@ -40,7 +46,7 @@ const N_COUNTS: usize = size_of::<ChunkSize>() / size_of::<u64>();
 pub(crate) struct ChunkSize {
     /// Number of images.
     pub(crate) images: u64,
-    /// Number of pixels of all images.
+    /// Number of pixels of all images, in whole tiles.
     pub(crate) pixels: u64,
     /// Number of shadow maps.
     pub(crate) shadow_maps: u64,
@@ -75,6 +81,8 @@ pub(crate) struct ChunkBytes {
 /// The largest chunks that a device renders.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ChunkLimits {
+    /// Size of the largest env.
+    env: ChunkSize,
     /// Number of envs in the largest chunk.
     pub(crate) n_envs: u64,
     /// Size of the largest chunk.
@@ -87,37 +95,56 @@ pub(crate) struct ChunkLimits {
 
 impl ChunkLimits {
     /// Determines the limits from those of the device and from the memory that an env takes.
-    pub(crate) fn new(gpu: &GpuDevice, kind: AdapterKind, samples_per_axis: u32) -> Self {
-        let env = ChunkSize::ENV.bytes(samples_per_axis);
+    ///
+    /// # Errors
+    /// If the device has no room for an env with images of these `sizes`.
+    pub(crate) fn new(
+        gpu: &GpuDevice,
+        kind: AdapterKind,
+        samples_per_axis: u32,
+        sizes: ImageSizes,
+    ) -> Result<Self, OpenRendererError> {
+        let env = ChunkSize::of_env(sizes);
+        let (bytes, most) = (env.bytes(samples_per_axis), gpu.max_buffer_bytes());
+        if bytes.largest() > most {
+            let [needed, most] = [bytes.largest(), most].map(|n| n.div_ceil(1 << 20));
+            let message = format!(
+                "the images of one env, {sizes}, need a buffer of {needed} MiB, but the device allows {most} MiB; choose smaller images"
+            );
+            return Err(OpenRendererError::Device { name: gpu.name().to_owned(), message });
+        }
         let wanted = match kind {
-            AdapterKind::Hardware => MAX_CHUNK_BYTES / env.total(),
+            AdapterKind::Hardware => u64::MAX,
             AdapterKind::Software => SOFTWARE_ENVS,
         };
-        let n = wanted.min(gpu.max_buffer_bytes() / env.largest()).min(MAX_VIEWS / ChunkSize::ENV.n_views());
-        let n_envs = n.max(1);
-        let largest = ChunkSize::of_envs(n_envs);
+        let wanted = wanted.min(MAX_CHUNK_BYTES / bytes.total()).min(most / bytes.largest());
+        let n_envs = wanted.min(MAX_VIEWS / env.n_views()).max(1);
+        let largest = env.times(n_envs);
         let bytes = largest.bytes(samples_per_axis);
-        Self { n_envs, largest, bytes, total_bytes: bytes.total() }
+        Ok(Self { env, n_envs, largest, bytes, total_bytes: bytes.total() })
     }
 
     /// Returns the limit for the chunks of a batch with this many pixels.
     pub(crate) fn for_batch(&self, n_pixels: u64) -> ChunkSize {
-        let share = n_pixels.div_ceil(MIN_CHUNKS).max(MIN_CHUNK_ENVS * ChunkSize::ENV.pixels);
+        let share = n_pixels.div_ceil(MIN_CHUNKS).max(MIN_CHUNK_ENVS * self.env.pixels);
         ChunkSize { pixels: self.largest.pixels.min(share), ..self.largest }
     }
 }
 
 impl ChunkSize {
-    /// The largest env of the benchmark: two external cameras, two hand cameras and a shadow map.
-    const ENV: Self = Self {
-        images: 4,
-        pixels: 2 * square(EXTERNAL_SIDE) + 2 * square(HAND_SIDE),
-        shadow_maps: 1,
-        instances: 5 * 160,
-        image_blocks: 4 * 1200,
-        map_blocks: 1200,
-        poses: 48,
-    };
+    /// Returns the size of the largest env of the benchmark: two external cameras, two hand cameras and a
+    /// shadow map.
+    fn of_env(sizes: ImageSizes) -> Self {
+        Self {
+            images: 4,
+            pixels: 2 * n_pixels(sizes.external) + 2 * n_pixels(sizes.hand),
+            shadow_maps: 1,
+            instances: 5 * 160,
+            image_blocks: 4 * 1200,
+            map_blocks: 1200,
+            poses: 48,
+        }
+    }
 
     /// Returns the sum of two sizes.
     pub(crate) fn plus(self, other: Self) -> Self {
@@ -133,6 +160,7 @@ impl ChunkSize {
     /// Returns the sizes of the buffers, for `samples_per_axis` samples per pixel along each axis.
     pub(crate) fn bytes(self, samples_per_axis: u32) -> ChunkBytes {
         let samples = self.pixels * u64::from(samples_per_axis * samples_per_axis);
+        let n_large = self.n_views() * LARGE_PER_VIEW * u64::from(samples_per_axis);
         let list = |n: u64| LIST_HEADER_BYTES + n * LIST_ENTRY_BYTES;
         ChunkBytes {
             views: self.n_views() * size_of::<ViewRecord>() as u64,
@@ -141,7 +169,7 @@ impl ChunkSize {
             images: self.pixels * 3,
             image_blocks: list(self.image_blocks),
             map_blocks: list(self.map_blocks),
-            large_triangles: list(self.n_views() * LARGE_PER_VIEW * u64::from(samples_per_axis)),
+            large_triangles: list(n_large.max(samples / SAMPLES_PER_LARGE)),
             samples: samples * 8,
             heights: self.shadow_maps * u64::from(SHADOW_MAP_SIDE.pow(2)) * 4,
         }
@@ -151,8 +179,8 @@ impl ChunkSize {
         self.images + self.shadow_maps
     }
 
-    fn of_envs(n: u64) -> Self {
-        bytemuck::cast(Self::ENV.counts().map(|count| count * n))
+    fn times(self, n: u64) -> Self {
+        bytemuck::cast(self.counts().map(|count| count * n))
     }
 
     fn counts(self) -> [u64; N_COUNTS] {
@@ -184,8 +212,18 @@ pub(crate) const fn samples_per_axis(samples: Samples) -> u32 {
     }
 }
 
-const fn square(side: usize) -> u64 {
-    (side * side) as u64
+/// Returns the numbers of columns and rows of the tiles that cover an image.
+pub(crate) fn whole_tiles(size: ImageSize) -> [u32; 2] {
+    [size.width, size.height].map(|n_px| (n_px as u32).next_multiple_of(TILE))
+}
+
+/// Returns the number of pixels that the image of a view takes on the device.
+pub(crate) fn n_device_pixels(view: &View<'_>) -> u64 {
+    n_pixels(view.scene.size(view.camera_idx))
+}
+
+fn n_pixels(size: ImageSize) -> u64 {
+    whole_tiles(size).map(u64::from).iter().product()
 }
 
 #[cfg(test)]
@@ -199,19 +237,21 @@ mod tests {
 
     #[test]
     fn large_batches_are_split() {
-        let largest = ChunkSize::of_envs(300);
+        let env = ChunkSize::of_env(ImageSizes::BENCHMARK);
+        let largest = env.times(300);
         let bytes = largest.bytes(1);
-        let limits = ChunkLimits { n_envs: 300, largest, bytes, total_bytes: 0 };
+        let limits = ChunkLimits { env, n_envs: 300, largest, bytes, total_bytes: 0 };
         let envs_of = |n_envs: u64| {
-            let limit = limits.for_batch(n_envs * ChunkSize::ENV.pixels);
+            let limit = limits.for_batch(n_envs * env.pixels);
             assert_eq!(ChunkSize { pixels: largest.pixels, ..limit }, largest);
-            limit.pixels as f64 / ChunkSize::ENV.pixels as f64
+            limit.pixels as f64 / env.pixels as f64
         };
         assert_eq!([1, 32, 128, 800, 5000].map(envs_of), [32.0, 32.0, 32.0, 200.0, 300.0]);
     }
 
     #[test]
     fn env_size_covers_every_task() {
+        let sizes = ImageSizes::BENCHMARK;
         for task in TaskId::ALL {
             let nominal = (task.task().nominal)(Profile::Strict);
             let applies = |p: &Perturbation| p.applies_to(&nominal).is_ok();
@@ -219,21 +259,26 @@ mod tests {
                 let spec = Composition::from(perturbation).spec(task.task(), Profile::Strict, Strength::FULL);
                 let scene = spec.draw(episode_seed(0, task.name(), 1));
                 let poses = (scene.bodies.len() + scene.robots.len() * N_LINKS) as u64;
-                let scene = RenderScene::new(&scene);
+                let scene = RenderScene::new(&scene, sizes);
                 let (images, instances) = (scene.n_cameras() as u64, scene.instances.len() as u64);
                 let blocks =
                     scene.instances.iter().map(|instance| instance.mesh().triangles.len().div_ceil(64));
                 let blocks = blocks.sum::<usize>() as u64;
                 let size = ChunkSize {
                     images,
-                    pixels: (0..scene.n_cameras()).map(|camera| square(scene.side(camera))).sum(),
+                    pixels: (0..scene.n_cameras()).map(|camera| n_pixels(scene.size(camera))).sum(),
                     shadow_maps: 1,
                     instances: (images + 1) * instances,
                     image_blocks: images * blocks,
                     map_blocks: blocks,
                     poses,
                 };
-                assert!(size.fits(ChunkSize::ENV), "{} under {}: {size:?}", task.name(), perturbation.name());
+                assert!(
+                    size.fits(ChunkSize::of_env(sizes)),
+                    "{} under {}: {size:?}",
+                    task.name(),
+                    perturbation.name()
+                );
             }
         }
     }

@@ -1,26 +1,32 @@
 //! The passes that render a chunk of views: placement, visibility and shading.
 
 use gpu::{AdapterKind, GpuDevice};
+use ipc_types::ImageSizes;
 
 use super::buffers::ChunkBuffers;
 use super::kernels::KernelPass;
 use crate::View;
 use crate::gpu::chunk::batch::ViewBatch;
-use crate::gpu::chunk::size::{ChunkLimits, ChunkSize, LIST_ENTRY_BYTES, samples_per_axis};
+use crate::gpu::chunk::size::{
+    ChunkLimits, ChunkSize, LIST_ENTRY_BYTES, TILE, n_device_pixels, samples_per_axis,
+};
 use crate::gpu::resident::assets::Assets;
 use crate::gpu::resident::scenes::ResidentScenes;
 use crate::math::srgb::{LINEAR_SEGMENT_END, LINEAR_SEGMENT_SLOPE, SQRT_POLYNOMIAL};
+use crate::renderer::OpenRendererError;
 use crate::shading::{SHADOW_DEPTH_LEVELS, SHADOW_NORMAL_OFFSET_M, SPECULAR_FALLOFF, SPECULAR_VISIBILITY};
 use run_config::Samples;
 
-/// Side of the pixel tile that a workgroup shades.
-const TILE: u32 = 8;
 /// Number of workgroups along one axis that every device accepts.
 const MAX_GROUPS: u64 = 65_535;
-/// Number of large triangles for each workgroup on a software driver. Mesa's llvmpipe ends all loops of an
-/// invocation after 65,535 iterations in total (`LP_MAX_TGSI_LOOP_ITERATIONS`), and what is left is not
-/// drawn. A triangle takes at most 5,000: one as large as the image, clipped by five planes.
+/// Largest number of large triangles for each workgroup on a software driver.
 const SOFTWARE_TRIANGLES_PER_GROUP: u64 = 8;
+/// Number of iterations after which Mesa's llvmpipe ends all loops of an invocation
+/// (`LP_MAX_TGSI_LOOP_ITERATIONS`). What is left is not drawn.
+const SOFTWARE_ITERATIONS: u64 = 65_535;
+/// Number of samples for each thread of a workgroup and each iteration that a large triangle takes: one as
+/// large as the image consists of six once it is clipped by five planes.
+const SAMPLES_PER_ITERATION: u64 = 256 / 6;
 
 const RECORDS: &str = include_str!("wgsl/records.wgsl");
 
@@ -45,9 +51,17 @@ pub(crate) struct ImagePipeline {
 
 impl ImagePipeline {
     /// Compiles the kernels and creates minimal buffers.
-    pub(crate) fn new(gpu: &GpuDevice, kind: AdapterKind, samples: Samples) -> Self {
+    ///
+    /// # Errors
+    /// If the device has no room for an env with images of these `sizes`.
+    pub(crate) fn new(
+        gpu: &GpuDevice,
+        kind: AdapterKind,
+        samples: Samples,
+        sizes: ImageSizes,
+    ) -> Result<Self, OpenRendererError> {
         let samples_per_axis = samples_per_axis(samples);
-        let limits = ChunkLimits::new(gpu, kind, samples_per_axis);
+        let limits = ChunkLimits::new(gpu, kind, samples_per_axis, sizes)?;
         let visibility = |target, samples_per_axis| {
             let parts = [RECORDS, include_str!("wgsl/visibility.wgsl"), target];
             KernelPass::new(gpu, &parts, &["rasterise_small", "rasterise_large"], [5, 2], samples_per_axis)
@@ -61,7 +75,7 @@ impl ImagePipeline {
             include_str!("wgsl/lighting.wgsl"),
             include_str!("wgsl/shading.wgsl"),
         ];
-        Self {
+        Ok(Self {
             placement: KernelPass::new(gpu, &placement, &["place"], [3, 3], 1),
             image_visibility: visibility(include_str!("wgsl/camera_target.wgsl"), samples_per_axis),
             map_visibility: visibility(include_str!("wgsl/shadow_map_target.wgsl"), 1),
@@ -71,10 +85,10 @@ impl ImagePipeline {
             buffers: ChunkBuffers::new(gpu, &limits.bytes),
             limit: limits.largest,
             limits,
-            batch: ViewBatch::default(),
+            batch: ViewBatch::new(samples_per_axis),
             samples_per_axis,
             kind,
-        }
+        })
     }
 
     /// Begins a batch, which consists of several chunks.
@@ -83,17 +97,17 @@ impl ImagePipeline {
             self.scenes.remove_dropped();
             self.assets.retain(&self.scenes.meshes());
         }
-        self.limit = self.limits.for_batch(views.iter().map(|view| view.out.len() as u64 / 3).sum());
+        self.limit = self.limits.for_batch(views.iter().map(n_device_pixels).sum());
     }
 
     /// Uploads the next chunk of `views` and encodes the commands that render it. Returns the number of its
-    /// views and the buffer in which their images are stored consecutively.
+    /// views, the buffer in which their images are stored consecutively, and their bytes.
     pub(crate) fn encode(
         &mut self,
         gpu: &GpuDevice,
         views: &[View<'_>],
         encoder: &mut wgpu::CommandEncoder,
-    ) -> (usize, &wgpu::Buffer) {
+    ) -> (usize, &wgpu::Buffer, u64) {
         let Self { scenes, assets, batch, buffers, .. } = self;
         assets.evict_if_full(gpu);
         let n = batch.fill(views, self.limit, scenes, assets);
@@ -118,11 +132,12 @@ impl ImagePipeline {
                 encoder.clear_buffer(buffers.large_triangles.buffer(), 0, Some(4));
                 encoder.clear_buffer(result.buffer(), 0, Some(n_bytes));
                 let n_large = bytes.large_triangles / LIST_ENTRY_BYTES;
-                pass.encode(encoder, &visibility_groups(self.kind, n_blocks, n_large));
+                let n_samples = u64::from(batch.max_pixels * self.samples_per_axis.pow(2));
+                pass.encode(encoder, &visibility_groups(self.kind, n_samples, n_blocks, n_large));
             }
         }
-        self.shading.encode(encoder, &[[(batch.max_side / TILE).pow(2), batch.n_images]]);
-        (n, buffers.images.buffer())
+        self.shading.encode(encoder, &[[batch.max_pixels / TILE.pow(2), batch.n_images]]);
+        (n, buffers.images.buffer(), bytes.images)
     }
 
     fn bind(&mut self, gpu: &GpuDevice, reallocated: bool) {
@@ -150,11 +165,14 @@ impl ImagePipeline {
 }
 
 /// Returns the workgroups that share up to `n_blocks` blocks, and those that share up to `n_large` large
-/// triangles.
-fn visibility_groups(kind: AdapterKind, n_blocks: u64, n_large: u64) -> [[u32; 2]; 2] {
+/// triangles of images with up to `n_samples`.
+fn visibility_groups(kind: AdapterKind, n_samples: u64, n_blocks: u64, n_large: u64) -> [[u32; 2]; 2] {
     let n_groups = match kind {
         AdapterKind::Hardware => [8192, 2048],
-        AdapterKind::Software => [n_blocks, n_large / SOFTWARE_TRIANGLES_PER_GROUP],
+        AdapterKind::Software => {
+            let most = SOFTWARE_ITERATIONS * SAMPLES_PER_ITERATION / n_samples;
+            [n_blocks, n_large / most.clamp(1, SOFTWARE_TRIANGLES_PER_GROUP)]
+        }
     };
     n_groups.map(|n| [n.min(MAX_GROUPS) as u32, 1])
 }

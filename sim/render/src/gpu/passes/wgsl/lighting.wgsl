@@ -43,12 +43,12 @@ fn sun_visibility(view: View, point: vec3f, normal: vec3f) -> f32 {
 // Returns 1 if no surface in a texel of the shadow map is at least one depth level above a height, otherwise
 // 0. Points outside of the map are lit.
 fn is_lit(map: View, texel: vec2i, height: f32) -> f32 {
-    if any(texel < vec2i(0)) || any(texel >= vec2i(i32(map.side))) {
+    if any(texel < vec2i(0)) || any(texel >= vec2i(map.size)) {
         return 1.0;
     }
     return select(0.0, 1.0, floor(height * SHADOW_DEPTH_LEVELS) >= floor(height_at(map, vec2u(texel)) * SHADOW_DEPTH_LEVELS));
 }
 
 fn height_at(map: View, at: vec2u) -> f32 {
-    return bitcast<f32>(shadow_heights[map.first_pixel + at.y * map.side + at.x]);
+    return bitcast<f32>(shadow_heights[map.first_pixel + at.y * map.size.x + at.x]);
 }

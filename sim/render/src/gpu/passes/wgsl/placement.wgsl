@@ -68,8 +68,8 @@ fn may_show(view: View, source: SceneInstance, view_from_mesh: array<vec4f, 3>) 
     }
     let p = transform_point(view_from_mesh, source.centre);
     let radius = source.radius * max_scale(view_from_mesh);
-    let edge = view.half_px / view.focal_px * p.z + radius * view.sphere_margin;
-    return p.z + radius >= view.near_m && p.z - radius <= view.far_m && abs(p.x) <= edge && abs(p.y) <= edge;
+    let edge = view.half_px / view.focal_px * p.z + radius * view.sphere_margins;
+    return p.z + radius >= view.near_m && p.z - radius <= view.far_m && all(abs(p.xy) <= edge);
 }
 
 // One workgroup per view.

@@ -16,12 +16,21 @@ struct Sun {
 // A camera image or a shadow map.
 struct View {
     focal_px: f32,
-    // Half the image's side.
-    half_px: f32,
     near_m: f32,
     // 1/z of the far clipping plane; samples whose 1/z does not exceed it are discarded.
     inverse_far: f32,
-    side: u32,
+    far_m: f32,
+    // Half the width and height of the image.
+    half_px: vec2f,
+    // Distance along x and y, per unit of radius, by which the centre of a sphere may lie outside an edge of
+    // the image while the sphere is still visible.
+    sphere_margins: vec2f,
+    // Columns and rows in whole tiles, of which the image is the left upper part.
+    size: vec2u,
+    // Width of the guard band.
+    guard_px: f32,
+    // 1 for a shadow map, 0 for an image.
+    is_shadow_map: u32,
     // Number of pixels of all preceding views of the same kind.
     first_pixel: u32,
     first_instance: u32,
@@ -31,12 +40,8 @@ struct View {
     // Number of instances of the scene.
     n_instances: u32,
     first_pose: u32,
-    far_m: f32,
-    // Distance, per unit of radius, by which the centre of a sphere may lie outside an edge of the image
-    // while the sphere is still visible.
-    sphere_margin: f32,
-    // 1 for a shadow map, 0 for an image.
-    is_shadow_map: u32,
+    padding_0: u32,
+    padding_1: u32,
     // Rows of the transform from the world to the view frame, or to shadow map texels and height.
     view_from_world: array<vec4f, 3>,
     ambient: vec4f,

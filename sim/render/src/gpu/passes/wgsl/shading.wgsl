@@ -9,7 +9,7 @@
 // Result of visibility.wgsl in images: the complement of the id, then the bits of 1/z; zero for samples
 // without a triangle.
 @group(0) @binding(5) var<storage, read> samples: array<vec2u>;
-// sRGB bytes of all images, `[side, side, 3]` each, stored consecutively.
+// sRGB bytes of all images in whole tiles, `[height, width, 3]` each, stored consecutively.
 @group(0) @binding(7) var<storage, read_write> image: array<u32>;
 
 // Side of the pixel tile that a workgroup shades.
@@ -21,16 +21,16 @@ var<workgroup> tile_rgb: array<u32, 64>;
 @compute @workgroup_size(8, 8)
 fn shade_tile(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) lane: vec3u) {
     let view = views[group.y];
-    let tiles_per_row = view.side / TILE;
-    if group.x >= tiles_per_row * tiles_per_row {
+    let tiles = view.size / TILE;
+    if group.x >= tiles.x * tiles.y {
         return;
     }
-    let corner = vec2u(group.x % tiles_per_row, group.x / tiles_per_row) * TILE;
+    let corner = vec2u(group.x % tiles.x, group.x / tiles.x) * TILE;
     tile_rgb[lane.y * TILE + lane.x] = shade_pixel(view, corner + lane.xy);
     workgroupBarrier();
     // A row of eight pixels with three bytes each is six words.
     if lane.x < 6u {
-        let first_word = ((view.first_pixel + (corner.y + lane.y) * view.side + corner.x) * 3u) / 4u;
+        let first_word = ((view.first_pixel + (corner.y + lane.y) * view.size.x + corner.x) * 3u) / 4u;
         image[first_word + lane.x] = pack_bytes(lane.y * TILE, lane.x * 4u);
     }
 }
@@ -72,7 +72,7 @@ fn shade_pixel(view: View, at: vec2u) -> u32 {
 }
 
 fn id_at(view: View, at: vec2u) -> u32 {
-    return ~samples[(view.first_pixel * SAMPLES_PER_AXIS + at.y * view.side) * SAMPLES_PER_AXIS + at.x].x;
+    return ~samples[(view.first_pixel * SAMPLES_PER_AXIS + at.y * view.size.x) * SAMPLES_PER_AXIS + at.x].x;
 }
 
 // Encodes linear values in [0, 1] as sRGB codes in [0, 255]. The constants are those of srgb.rs.

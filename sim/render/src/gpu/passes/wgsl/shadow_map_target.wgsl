@@ -12,7 +12,7 @@ const GUARD_TEXELS: f32 = 448.0;
 
 fn write_sample(view: View, at: vec2u, depth: f32, id: u32) {
     if depth > 0.0 && depth < 1.0 {
-        atomicMax(&texels[view.first_pixel + at.y * view.side + at.x], bitcast<u32>(depth));
+        atomicMax(&texels[view.first_pixel + at.y * view.size.x + at.x], bitcast<u32>(depth));
     }
 }
 
@@ -22,23 +22,23 @@ fn project(view: View, p: vec3f) -> ProjectedVertex {
 
 // Outcode: the edges of the map outside of which a point lies, one bit each.
 fn outcode(view: View, p: vec3f) -> u32 {
-    let side = f32(view.side);
-    return select(0u, 1u, p.x < 0.0) | select(0u, 2u, p.x > side)
-        | select(0u, 4u, p.y < 0.0) | select(0u, 8u, p.y > side);
+    let edge = vec2f(view.size);
+    return select(0u, 1u, p.x < 0.0) | select(0u, 2u, p.x > edge.x)
+        | select(0u, 4u, p.y < 0.0) | select(0u, 8u, p.y > edge.y);
 }
 
 fn needs_clipping(view: View, p: vec3f) -> bool {
-    let beyond = max(-p.xy, p.xy - f32(view.side));
+    let beyond = max(-p.xy, p.xy - vec2f(view.size));
     return max(beyond.x, beyond.y) > GUARD_TEXELS;
 }
 
 // Signed distance to a clipping plane, non-negative on the inner side.
 fn clip_distance(view: View, plane: u32, p: vec3f) -> f32 {
-    let far_edge = f32(view.side) + GUARD_TEXELS;
+    let far_edge = vec2f(view.size) + GUARD_TEXELS;
     switch plane {
-        case 0u: { return far_edge - p.x; }
+        case 0u: { return far_edge.x - p.x; }
         case 1u: { return GUARD_TEXELS + p.x; }
-        case 2u: { return far_edge - p.y; }
+        case 2u: { return far_edge.y - p.y; }
         case 3u: { return GUARD_TEXELS + p.y; }
         default: { return 1.0; }
     }

@@ -44,11 +44,11 @@ struct BoundingBox {
     upper: vec2i,
 }
 
-fn bounding_box(triangle: array<ProjectedVertex, 3>, side: u32) -> BoundingBox {
+fn bounding_box(triangle: array<ProjectedVertex, 3>, size: vec2u) -> BoundingBox {
     let lower = min(min(triangle[0].at, triangle[1].at), triangle[2].at);
     let upper = max(max(triangle[0].at, triangle[1].at), triangle[2].at);
     // Sample i has its centre at 256 i + 128.
-    let last = vec2i(i32(side * SAMPLES_PER_AXIS) - 1);
+    let last = vec2i(size * SAMPLES_PER_AXIS) - 1;
     return BoundingBox(max((lower + 127) >> vec2u(8u), vec2i(0)), min((upper - 128) >> vec2u(8u), last));
 }
 
@@ -90,7 +90,7 @@ fn rasterise(view: View, id: u32, triangle: array<ProjectedVertex, 3>, offset: v
     let from_vertex = vec2f(128 - p.at) / 256.0;
     let min_depth = min(min(p.depth, q.depth), r.depth);
     let max_depth = max(max(p.depth, q.depth), r.depth);
-    let box = bounding_box(triangle, view.side);
+    let box = bounding_box(triangle, view.size);
     for (var y = box.lower.y + offset.y; y <= box.upper.y; y += stride) {
         for (var x = box.lower.x + offset.x; x <= box.upper.x; x += stride) {
             let at0 = e0.x + e0.y * x + e0.z * y;
@@ -192,7 +192,7 @@ fn rasterise_if_small(instance: Instance, instance_idx: u32, triangle: u32) {
         if doubled_area(projected[0].at, projected[SECOND_VERTEX].at, projected[3 - SECOND_VERTEX].at) <= 0li {
             return;
         }
-        let box = bounding_box(projected, view.side);
+        let box = bounding_box(projected, view.size);
         let size = max(box.upper - box.lower + 1, vec2i(0));
         if size.x * size.y <= MAX_SMALL_AREA {
             rasterise(view, instance.first_id + triangle, projected, vec2i(0), 1);

@@ -5,6 +5,11 @@
 //! the manifest of a results file. To add an option, add a field, and read it where it takes effect. The doc
 //! comment of the field is its help text.
 
+mod choices;
+mod protocol;
+mod query;
+mod strength;
+
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -13,12 +18,13 @@ use serde::{Deserialize, Serialize};
 
 use ipc_types::ControlMode;
 
-use super::allotment::n_cores;
-use super::amount::Amount;
-use super::choices::{DeviceChoice, Profile, RendererChoice, Samples};
-use super::language_file::LanguageFile;
-use super::query::QueryOptions;
-use super::strength::Strength;
+pub use self::choices::{DeviceChoice, Profile, QueryMode, RendererChoice, Samples};
+pub use self::protocol::{EpisodeEnd, Instructions, Protocol, ProtocolName, ProtocolOptions};
+pub use self::query::{Execution, QueryOptions};
+pub use self::strength::{Strength, StrengthError};
+use crate::allotment::n_cores;
+use crate::amount::Amount;
+use crate::language_file::LanguageFile;
 
 /// Largest number of episodes in progress at a time.
 pub const MAX_ENVS: u32 = 8192;
@@ -35,6 +41,10 @@ pub struct RunConfig {
     #[serde(default)]
     #[expect(missing_docs, reason = "clap would show it as help text")]
     pub query: QueryOptions,
+    #[command(flatten)]
+    #[serde(default)]
+    #[expect(missing_docs, reason = "clap would show it as help text")]
+    pub protocol: ProtocolOptions,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would show it as help text")]
     pub rendering: ImageOptions,
@@ -72,6 +82,10 @@ pub struct ResultOptions {
     /// benchmark's own. By default, sentences of ours
     #[arg(long, value_name = "FILE")]
     pub language: Option<LanguageFile>,
+    /// Protocol that results from [`RunConfig::protocol`] and the policies
+    #[arg(skip)]
+    #[serde(flatten)]
+    pub protocol: Protocol,
 }
 
 /// Options that change the images of an episode. A results file stores the identity of the renderer that
@@ -177,8 +191,6 @@ mod tests {
     use clap::ValueEnum;
 
     use super::*;
-    use crate::choices::QueryMode;
-    use crate::query::Execution;
 
     #[test]
     fn defaults_survive_json() {
