@@ -213,8 +213,8 @@ def pad_prompt(preprocess, max_state_dim):
     preprocess.steps = [padded(step) for step in preprocess.steps]
 
 
-def scale_bars_twice(policy):
-    """Give the bars beside a policy's images that are not square the value -3, as LeRobot before 0.5 did."""
+def scale_padding_twice(policy):
+    """Letterbox the images of a policy with -3, as LeRobot before 0.5 did."""
     preprocess, original = policy._preprocess_images, modeling_pi05.resize_with_pad_torch
 
     def resize(images, *size):
@@ -222,14 +222,14 @@ def scale_bars_twice(policy):
         # In [0, 1]; the network's input is scaled to [-1, 1] afterwards.
         return original(images, *size).masked_fill(inside == 0, -1.0)
 
-    def with_bars(batch):
+    def with_padding(batch):
         modeling_pi05.resize_with_pad_torch = resize
         try:
             return preprocess(batch)
         finally:
             modeling_pi05.resize_with_pad_torch = original
 
-    policy._preprocess_images = with_bars
+    policy._preprocess_images = with_padding
 
 
 def processors_of(config, stats, tokenizer):

@@ -80,7 +80,7 @@ class VlaEval:
                 self.in_episode.add(connection)
                 await connection.send(start[1])
             elif connection not in self.in_episode:
-                    raise ServerError(f"does not know the episode in slot {slot}, which began on an earlier connection")
+                raise ServerError(f"does not know the episode in slot {slot}, which began on an earlier connection")
             await connection.send(observation[1])
             return await self.receive(connection, "action", observation[0])
 

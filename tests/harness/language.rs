@@ -1,7 +1,7 @@
 //! Files of paraphrases (`--language`).
 
 use ipc_types::layout::INSTRUCTION_BYTES;
-use run_config::{Instructions, LanguageFile, RunConfig, error_chain};
+use run_config::{Instructions, LanguageFile, error_chain};
 use sim::perturb::{Composition, Language, Strength};
 use sim::{Perturbation, Profile, TaskId};
 
@@ -32,14 +32,12 @@ pub fn run(data: &[u8]) -> bool {
     let file = LanguageFile::open(&path).unwrap();
     let task = TaskId::RaiseCube.task();
     let profile = if edits.below(2) == 0 { Profile::Strict } else { Profile::Paper };
-    let mut options = RunConfig::default().results;
-    let is_paraphrases = edits.below(2) == 0;
-    if is_paraphrases {
-        options.language = Some(file);
+    let language = if edits.below(2) == 0 {
+        Language::read(&Instructions::Act, Some(&file))
     } else {
-        options.protocol.instructions = Instructions::File(file);
-    }
-    let sentences = match Language::read(&options) {
+        Language::read(&Instructions::File(file), None)
+    };
+    let sentences = match language {
         Ok(sentences) => sentences,
         Err(error) => return refused(&error_chain(&error), &path),
     };

@@ -114,7 +114,7 @@ impl RunPlan {
     /// If the file of `--language` cannot be read.
     pub(crate) fn instructions(&self) -> Result<Vec<(Morphology, String)>, SentencesError> {
         let ResultOptions { profile, strength, .. } = self.config.results;
-        let language = Language::read(&self.config.results)?;
+        let language = self.language()?;
         let mut instructions = BTreeSet::new();
         for Condition { task, perturbation } in &self.conditions {
             let task = task.task();
@@ -155,10 +155,14 @@ impl RunPlan {
 
     /// Checks that there are sentences for all tasks.
     fn check_sentences(&self) -> Result<(), PlanError> {
-        let options = &self.config.results;
-        let language = Language::read(options)?;
-        let require = |condition: &Condition| language.require(condition.task.task(), options.profile);
+        let (language, profile) = (self.language()?, self.config.results.profile);
+        let require = |condition: &Condition| language.require(condition.task.task(), profile);
         Ok(self.conditions.iter().try_for_each(require)?)
+    }
+
+    fn language(&self) -> Result<Language, SentencesError> {
+        let ResultOptions { protocol, language, .. } = &self.config.results;
+        Language::read(&protocol.instructions, language.as_ref())
     }
 
     /// Returns the control mode of policies with this morphology. Two arms always use absolute joint

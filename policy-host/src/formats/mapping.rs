@@ -96,7 +96,7 @@ pub enum PromptState {
     #[default]
     Unpadded,
     /// One number per entry of the network's state, which is padded with zeros to `max_state_dim`, as in
-    /// LeRobot before 0.5, which also scaled the bars beside an image twice.
+    /// LeRobot before 0.5, which also scaled the letterbox padding of images twice.
     Padded,
 }
 
@@ -365,8 +365,9 @@ fn both_sides(inputs: &[InputFeature], morphology: Morphology) -> String {
 }
 
 impl ObservationMapping {
-    /// Returns a sentence about the cameras whose images had another shape in training than the `given` ones,
-    /// or more pixels. Larger ones of the same shape are reduced to what the network was trained on.
+    /// Returns a sentence about the cameras whose training images had a different aspect ratio from the
+    /// `given` ones, or more pixels. Larger images of the same aspect ratio are reduced to the size of
+    /// training.
     #[must_use]
     pub fn image_differences(&self, given: ImageSizes) -> Option<String> {
         let names = self.morphology.camera_names();
@@ -379,7 +380,7 @@ impl ObservationMapping {
         let differs: Vec<_> = differs.collect();
         (!differs.is_empty()).then(|| {
             format!(
-                "sees images of other sizes than in training, resized: {}; --image-size or --protocol chooses others",
+                "resizes images that differ from those of training: {}; choose others with --image-size or --protocol",
                 differs.join(", ")
             )
         })

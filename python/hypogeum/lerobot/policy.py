@@ -55,9 +55,9 @@ class LeRobotPolicy:
         self.policy = load_policy(folder, config)
         if is_padded:
             # Imported here, because the module needs LeRobot's π0.5.
-            from ..pi05 import scale_bars_twice
+            from ..pi05 import scale_padding_twice
 
-            scale_bars_twice(self.policy)
+            scale_padding_twice(self.policy)
         self.preprocess, self.postprocess = processors.preprocess, processors.postprocess
         self.device = torch.device(device)
         self.is_batched = batch

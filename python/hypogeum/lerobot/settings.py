@@ -44,7 +44,7 @@ def pad_prompt(preprocess, config, settings, folder):
     """Write π0.5's prompt by the convention of the checkpoint, and say which one that is. Return whether it is padded.
 
     It is the one that `hypogeum.json` names, or that of the version of LeRobot that wrote the folder: before 0.5, the
-    state was padded and letterbox bars had the value -3.
+    state was padded and letterbox padding had the value -3.
     """
     from .. import pi05
 
@@ -76,10 +76,10 @@ def written_convention(folder):
 
 
 def announce_sizes(mapping, sizes):
-    """Log the cameras whose images had another shape in training, or more pixels.
+    """Log the cameras whose training images had a different aspect ratio, or more pixels.
 
-    `sizes` are those of a run, (width, height). Larger images of the same shape are reduced to what the network was
-    trained on.
+    `sizes` are those of a run, (width, height). Larger images of the same aspect ratio are reduced to the size of
+    training.
     """
     cameras = MORPHOLOGIES[mapping.morphology].cameras
     different = []
@@ -89,7 +89,7 @@ def announce_sizes(mapping, sizes):
             different.append(f"{camera} {own_width}x{own_height} instead of {width}x{height}")
     if different:
         log.warning(
-            "sees images of other sizes than in training, resized: %s; --image-size or --protocol of the run chooses others",
+            "resizes images that differ from those of training: %s; choose others with --image-size or --protocol of the run",
             ", ".join(different),
         )
 

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::language_file::LanguageFile;
 
-/// The program of the benchmark that a run follows.
+/// Evaluation program of the benchmark that a run follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 #[value(rename_all = "lower")]
@@ -36,7 +36,7 @@ pub enum EpisodeEnd {
     Success,
 }
 
-/// The sentences that stand for the tasks where no perturbation replaces them.
+/// Source of the tasks' instructions, which language perturbations replace.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Instructions {
@@ -71,7 +71,7 @@ pub struct ProtocolOptions {
     /// Size of the camera images in pixels: WxH, or WxH,wrist=WxH [default: the protocol's]
     #[arg(long, value_name = "WxH[,wrist=WxH]")]
     pub image_size: Option<ImageSizes>,
-    /// Sentences of the tasks: act, lerobot, or a YAML file of sentences by env id [default: the
+    /// Task instructions: act, lerobot, or a YAML file that maps env ids to sentences [default: the
     /// protocol's]
     #[arg(long, value_name = "act|lerobot|FILE")]
     pub instructions: Option<Instructions>,
@@ -84,11 +84,11 @@ pub struct ProtocolOptions {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Protocol {
-    /// The program that it follows, but for the parts that the user changed.
+    /// Program that it follows, except for the parts that the user changed.
     pub protocol: ProtocolName,
     /// Sizes of the camera images.
     pub image_size: ImageSizes,
-    /// Sentences of the tasks.
+    /// Source of the tasks' instructions.
     pub instructions: Instructions,
     /// End of an episode.
     pub end: EpisodeEnd,
@@ -108,7 +108,7 @@ impl ProtocolName {
 impl fmt::Display for Protocol {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { protocol, image_size, instructions, end } = self;
-        let sentences = match instructions {
+        let source = match instructions {
             Instructions::Act => ProtocolName::Act.name().to_owned(),
             Instructions::Lerobot => ProtocolName::Lerobot.name().to_owned(),
             Instructions::File(file) => file.path().display().to_string(),
@@ -118,7 +118,7 @@ impl fmt::Display for Protocol {
             EpisodeEnd::Success => "at the first success or the horizon",
         };
         let name = protocol.name();
-        write!(f, "protocol {name}: images of {image_size}, sentences of {sentences}, episodes end {end}")
+        write!(f, "protocol {name}: {image_size} images, {source} instructions, episodes end {end}")
     }
 }
 

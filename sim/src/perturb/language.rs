@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use ipc_types::layout::INSTRUCTION_BYTES;
-use run_config::{Instructions, LanguageFile, LanguageFileError, ResultOptions};
+use run_config::{Instructions, LanguageFile, LanguageFileError};
 use saphyr::{LoadableYamlNode, Yaml};
 use thiserror::Error;
 
@@ -74,17 +74,20 @@ pub enum SentencesError {
 }
 
 impl Language {
-    /// Reads the files that the options name, and checks them.
+    /// Reads the files that the options name, and checks them: the sentences of the tasks, and paraphrases.
     ///
     /// # Errors
     /// The first thing that is not as expected.
-    pub fn read(options: &ResultOptions) -> Result<Self, SentencesError> {
-        let training = match &options.protocol.instructions {
+    pub fn read(
+        instructions: &Instructions,
+        paraphrases: Option<&LanguageFile>,
+    ) -> Result<Self, SentencesError> {
+        let training = match instructions {
             Instructions::Act => TrainingSentences::Act,
             Instructions::Lerobot => TrainingSentences::Lerobot,
             Instructions::File(file) => TrainingSentences::File(Sentences::read(file, SentenceForm::Single)?),
         };
-        let paraphrases = options.language.as_ref().map(|file| Sentences::read(file, SentenceForm::List));
+        let paraphrases = paraphrases.map(|file| Sentences::read(file, SentenceForm::List));
         Ok(Self { training, paraphrases: paraphrases.transpose()? })
     }
 
@@ -248,23 +251,24 @@ mod tests {
     use std::collections::BTreeSet;
     use std::path::Path;
 
-    use run_config::{ProtocolName, RunConfig};
-
     use super::*;
     use crate::perturb::{Composition, Strength};
     use crate::{Perturbation, TaskId};
 
     /// Reads paraphrases.
     fn read(text: &str) -> Result<Language, String> {
-        read_as(text, |options, file| options.language = Some(file))
+        read_as(text, |file| Language::read(&Instructions::Act, Some(&file)))
     }
 
     /// Reads training sentences.
     fn read_training(text: &str) -> Result<Language, String> {
-        read_as(text, |options, file| options.protocol.instructions = Instructions::File(file))
+        read_as(text, |file| Language::read(&Instructions::File(file), None))
     }
 
-    fn read_as(text: &str, set: fn(&mut ResultOptions, LanguageFile)) -> Result<Language, String> {
+    fn read_as(
+        text: &str,
+        read: fn(LanguageFile) -> Result<Language, SentencesError>,
+    ) -> Result<Language, String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sentences.yaml");
         std::fs::write(&path, text).unwrap();
@@ -272,9 +276,7 @@ mod tests {
             run_config::error_chain(error).replace(&format!("{}/", folder.path().display()), "")
         };
         let file = LanguageFile::open(&path).map_err(|error| shown(&error))?;
-        let mut options = RunConfig::default().results;
-        set(&mut options, file);
-        Language::read(&options).map_err(|error| shown(&error))
+        read(file).map_err(|error| shown(&error))
     }
 
     #[test]
@@ -300,9 +302,7 @@ mod tests {
 
     #[test]
     fn training_sentences_are_the_protocols_or_a_files() {
-        let mut options = RunConfig::default().results;
-        options.protocol = ProtocolName::Lerobot.into();
-        let lerobot = Language::read(&options).unwrap();
+        let lerobot = Language::read(&Instructions::Lerobot, None).unwrap();
         let task = TaskId::RaiseCube.task();
         let drawn =
             |language: &Language, perturbation, seed| draw(language, Profile::Strict, perturbation, seed);

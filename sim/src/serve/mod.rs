@@ -136,7 +136,8 @@ impl Server {
                 LaneState::create(&node, config.run_id, check_frames, lane.clone())
             })
             .collect::<Result<Vec<_>, _>>()?;
-        let language = Language::read(&config.run.results)?;
+        let language =
+            Language::read(&config.run.results.protocol.instructions, config.run.results.language.as_ref())?;
         let (rendering, image_size) = (&config.run.rendering, config.run.results.protocol.image_size);
         let n_threads = config.run.resources.n_threads() as usize;
         let gpu = config.run.resources.gpu;

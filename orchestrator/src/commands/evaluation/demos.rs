@@ -8,7 +8,7 @@ use anyhow::{Context, anyhow};
 use clap::Args;
 use ipc_types::{ControlMode, Morphology};
 use run_config::allotment::n_cores;
-use run_config::{Profile, ProtocolOptions, RunConfig, Strength};
+use run_config::{Profile, ProtocolOptions, Strength};
 use sim::perturb::{Composition, Language};
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};
@@ -80,9 +80,8 @@ pub(crate) fn demos(args: &DemosArgs) -> Result<ExitStatus, Failure> {
     if args.protocol.end.is_some() {
         return Err(anyhow!("--end: demonstrations end with the expert's plan; omit it")).or_user();
     }
-    let mut options = RunConfig::default().results;
-    options.protocol = args.protocol.resolve(None);
-    let language = Language::read(&options).or_user()?;
+    let protocol = args.protocol.resolve(None);
+    let language = Language::read(&protocol.instructions, None).or_user()?;
     tasks.iter().try_for_each(|task| language.require(task.task(), profile)).or_user()?;
     let morphology = Morphology::Single;
     let single_arm = DatasetSettings {
@@ -94,7 +93,7 @@ pub(crate) fn demos(args: &DemosArgs) -> Result<ExitStatus, Failure> {
         profile,
         seed,
         images,
-        protocol: options.protocol,
+        protocol,
     };
     let plan = DemoPlan { tasks, episodes: args.episodes, single_arm, language };
     let n_threads = match args.threads {

@@ -12,7 +12,7 @@ use policy_host::models::Family;
 use policy_host::models::act::checkpoint::colosseum::ActConfig;
 use policy_host::models::synthetic;
 use policy_host::nn::Precision;
-use run_config::{Amount, ImageOptions, InferenceOptions, MAX_ENVS, QueryMode, RunConfig};
+use run_config::{Amount, ImageOptions, InferenceOptions, MAX_ENVS, ProtocolOptions, QueryMode, RunConfig};
 use serde_json::json;
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};
@@ -73,6 +73,8 @@ pub(crate) struct FpsArgs {
     #[arg(long, value_name = "N")]
     pub(crate) gpu: Option<u32>,
     #[command(flatten)]
+    pub(crate) protocol: ProtocolOptions,
+    #[command(flatten)]
     pub(crate) rendering: ImageOptions,
     #[command(flatten)]
     pub(crate) inference: InferenceOptions,
@@ -94,10 +96,10 @@ pub(crate) struct FpsArgs {
 pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
     start_threads()?;
     let machine = Machine::detect();
-    let plan = speed_plan(args)?;
+    let mut plan = speed_plan(args)?;
+    let identities = resolve_policies(&mut plan)?;
     let (points, mut omissions) = plan.points();
     omissions.iter().for_each(|omission| print_message(&omission.to_string()));
-    let identities = policy_identities(&plan, &points)?;
     let settings = settings(args, &plan, &identities, &machine);
     let mut store = PointStore::open(&args.output, &settings).or_user()?;
     let mut output = OutputFolder::open(&args.output, args.overwriting).or_user()?;
@@ -163,6 +165,7 @@ fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
     let (rendering, inference) = (args.rendering, args.inference);
     let mut config = RunConfig { rendering, inference, ..RunConfig::default() };
     config.query.execute = Some(args.execute);
+    config.protocol.clone_from(&args.protocol);
     config.resources.gpu = args.gpu;
     config.resources.keep_actions = false;
     if let Some(threads) = args.threads {
@@ -205,19 +208,13 @@ fn default_policies(args: &FpsArgs) -> Result<Vec<NamedPolicy>, Failure> {
     Ok(vec![idle, act])
 }
 
-/// Returns the identities of the policies that have points, by name. Also checks that they can be loaded.
-fn policy_identities(
-    plan: &SpeedPlan,
-    points: &[PlannedPoint],
-) -> Result<BTreeMap<String, Identity>, Failure> {
-    let mut found = BTreeMap::new();
-    for policy in &plan.policies {
-        if let Some(point) = points.iter().find(|point| point.series.policy == policy.name) {
-            let identity = resolve(&mut point.plan.clone(), plan.device.as_deref())?.remove(0);
-            found.insert(policy.name.clone(), identity);
-        }
-    }
-    Ok(found)
+/// Resolves what the policies' checkpoints decide for all points, and returns the policies' identities by
+/// name. Also checks that they can be loaded.
+fn resolve_policies(plan: &mut SpeedPlan) -> Result<BTreeMap<String, Identity>, Failure> {
+    let mut all = plan.run_plan(plan.policies.clone(), plan.modes[0], plan.envs[0]);
+    let identities = resolve(&mut all, plan.device.as_deref())?;
+    plan.config.results.protocol = all.config.results.protocol;
+    Ok(all.policies.into_iter().map(|policy| policy.name).zip(identities).collect())
 }
 
 /// Returns what all points have in common.
@@ -239,6 +236,7 @@ fn settings(
             "policy_device": plan.config.inference.policy_device,
             "renderer": rendering.renderer,
             "samples": rendering.samples,
+            "protocol": plan.config.results.protocol,
         }),
         machine: json!(machine),
     }

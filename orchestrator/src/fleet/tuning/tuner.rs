@@ -42,8 +42,8 @@ const BRISK_STEPS_PER_S: f64 = 8.0;
 const BRISK_MIN_SPEED: f64 = 0.85;
 /// Utilisation below which the number grows by more than a factor of 2.
 const LOW_UTILISATION: f64 = 0.5;
-/// Fraction of the core time taken by other programs from which a trial is disturbed. Such a trial counts
-/// only if it shows a gain.
+/// Fraction of the core time taken by other programs above which a trial counts as disturbed. The number then
+/// grows only if that gains speed.
 const DISTURBANCE: f64 = 0.1;
 /// Time until a choice is checked again, doubled after every check that confirms it.
 const FIRST_CHECK: Duration = Duration::from_secs(20);
@@ -69,8 +69,8 @@ pub(crate) struct WorkSample {
 }
 
 impl WorkSample {
-    /// Makes the sample of a moment `now` at which the children have used `cpu_s` core-seconds, and nobody
-    /// `idle_s`.
+    /// Makes the sample at `now`, when the children have used `cpu_s` core-seconds and the cores have been
+    /// idle for `idle_s`.
     pub(crate) fn new(now: Duration, cpu_s: f64, idle_s: Option<f64>, totals: &Totals) -> Self {
         let sim = totals.sim();
         Self {

@@ -70,7 +70,7 @@ impl SpeedPlan {
             for &mode in &self.modes {
                 let series = Series { policy: policy.name.clone(), mode };
                 for &envs in &self.envs {
-                    let (series, plan) = (series.clone(), self.run_plan(policy, mode, envs));
+                    let (series, plan) = (series.clone(), self.run_plan(vec![policy.clone()], mode, envs));
                     let capacity = Capacity::new(&plan, usize::MAX);
                     if let Some(reason) = too_large(&plan, capacity, available) {
                         omissions.push(Omission { series, envs, reason });
@@ -84,14 +84,15 @@ impl SpeedPlan {
         (points, omissions)
     }
 
-    fn run_plan(&self, policy: &NamedPolicy, mode: QueryMode, envs: Amount) -> RunPlan {
+    /// Returns the run of some policies with a query mode and a number of envs.
+    pub(crate) fn run_plan(&self, policies: Vec<NamedPolicy>, mode: QueryMode, envs: Amount) -> RunPlan {
         let mut config = self.config.clone();
         config.query.mode = Some(mode);
         config.query.execute = config.query.execute.filter(|_| mode == QueryMode::Chunk);
         config.resources.envs = envs;
         RunPlan {
-            policies: vec![policy.clone()],
-            executions: vec![config.query.without_checkpoint()],
+            executions: vec![config.query.without_checkpoint(); policies.len()],
+            policies,
             conditions: self
                 .tasks
                 .iter()

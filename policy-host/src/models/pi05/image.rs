@@ -1,9 +1,9 @@
 //! Camera images as the network's input: resized with their aspect ratio kept, centred on black, with values
 //! in [−1, 1].
 
-/// Value of black, which fills the bars beside an image.
+/// Value of black, the letterbox padding of an image.
 pub const BLACK: f32 = -1.0;
-/// Value of the bars in LeRobot before 0.5: black, scaled from [0, 1] to [−1, 1] once more.
+/// Letterbox padding in LeRobot before 0.5: black, scaled from [0, 1] to [−1, 1] once more.
 pub(crate) const BLACK_SCALED_TWICE: f32 = -3.0;
 
 /// Inputs of one output row or column: two neighbours and the weight of the second.
@@ -16,17 +16,17 @@ struct Tap {
 
 /// Resizes a camera image `[height, width, 3] u8` of this size, `[height, width]`, to planes
 /// `[3, side, side] f32`, with the weights of PyTorch's bilinear interpolation (`align_corners=False`, no
-/// antialiasing). The rest of each plane gets the value `bars`.
+/// antialiasing). `padding_value` fills the rest of each plane.
 ///
 /// # Panics
 /// If a slice is too short.
-pub fn resize_with_pad(pixels: &[u8], size: [usize; 2], side: usize, bars: f32, planes: &mut [f32]) {
+pub fn resize_with_pad(pixels: &[u8], size: [usize; 2], side: usize, padding_value: f32, planes: &mut [f32]) {
     let ratio = (size[1] as f64 / side as f64).max(size[0] as f64 / side as f64);
     let [height, width] = size.map(|length| (length as f64 / ratio) as usize);
     let (rows, cols) = (taps(size[0], height), taps(size[1], width));
     let (top, left) = ((side - height) / 2, (side - width) / 2);
     let is_resized = [height, width] != size;
-    planes.fill(bars);
+    planes.fill(padding_value);
     for (channel, plane) in planes.chunks_exact_mut(side * side).enumerate() {
         let value = |row: usize, col: usize| f32::from(pixels[(row * size[1] + col) * 3 + channel]) / 255.0;
         for (row, line) in rows.iter().zip(plane[top * side..].chunks_exact_mut(side)) {

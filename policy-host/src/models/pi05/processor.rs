@@ -86,7 +86,7 @@ impl Pi05Processor {
         first_env: usize,
         prompts: &[Vec<u32>],
     ) -> Pi05Batch {
-        let Pi05Description { architecture, mapping, bars, .. } = &self.description;
+        let Pi05Description { architecture, mapping, padding_value, .. } = &self.description;
         let chunk_len = architecture.horizon * architecture.action_width;
         let mut distinct = DistinctImages::default();
         let mut samples = Vec::with_capacity(prompts.len());
@@ -97,7 +97,7 @@ impl Pi05Processor {
             samples.push(SampleTokens { images, prompt: prompt.clone() });
             draw_noise(env.record.policy_seed, env.record.query, noise);
         }
-        Pi05Batch { images: distinct.resize(architecture.image_side(), *bars), samples, noise }
+        Pi05Batch { images: distinct.resize(architecture.image_side(), *padding_value), samples, noise }
     }
 
     /// Writes the robot's part of denoised `actions [n, horizon, action_width]`, one chunk per element of
@@ -146,14 +146,14 @@ impl<'a> DistinctImages<'a> {
         self.images.len() - 1
     }
 
-    /// Returns the images as the network's input, `[n, 3, side, side]`, with `bars` beside those that are not
-    /// square.
-    fn resize(&self, side: usize, bars: f32) -> Vec<f32> {
+    /// Returns the images as the network's input, `[n, 3, side, side]`, letterboxed with
+    /// `padding_value` if they are not square.
+    fn resize(&self, side: usize, padding_value: f32) -> Vec<f32> {
         let image_len = 3 * side * side;
         let mut planes = vec![0.0; self.images.len() * image_len];
         let jobs = planes.par_chunks_exact_mut(image_len).zip(&self.images);
         jobs.for_each(|(planes, &(pixels, size))| {
-            resize_with_pad(pixels, [size.height, size.width], side, bars, planes);
+            resize_with_pad(pixels, [size.height, size.width], side, padding_value, planes);
         });
         planes
     }

@@ -174,17 +174,17 @@ fn prompt_convention_follows_from_the_version() {
     let described = || {
         let checkpoint = Pi05Checkpoint::open(folder.path()).unwrap();
         let description = checkpoint.description();
-        (description.prompt_state, description.bars, description.notes.join("; "))
+        (description.prompt_state, description.padding_value, description.notes.join("; "))
     };
-    let (prompt_state, bars, notes) = described();
-    assert_eq!((prompt_state, bars), (PromptState::Unpadded, -1.0));
+    let (prompt_state, padding_value, notes) = described();
+    assert_eq!((prompt_state, padding_value), (PromptState::Unpadded, -1.0));
     assert!(!notes.contains("was written by"), "{notes}");
     let config = folder.path().join("config.json");
     let mut settings: Value = serde_json::from_slice(&std::fs::read(&config).unwrap()).unwrap();
     settings.as_object_mut().unwrap().remove("use_relative_actions");
     std::fs::write(&config, settings.to_string()).unwrap();
-    let (prompt_state, bars, notes) = described();
-    assert_eq!((prompt_state, bars), (PromptState::Padded, -3.0));
+    let (prompt_state, padding_value, notes) = described();
+    assert_eq!((prompt_state, padding_value), (PromptState::Padded, -3.0));
     assert_contains(&notes, &["written by LeRobot before 0.5.1", "no `use_relative_actions`"]);
     let training = folder.path().join("train_config.json");
     std::fs::write(&training, r#"{"seed": 1000}"#).unwrap();

@@ -382,7 +382,7 @@ fn rewrite(from: &Path, to: &Path, change: impl Fn(&str, &TensorView<'_>) -> Opt
 }
 
 #[test]
-fn wide_image_has_bars_above_and_below() {
+fn wide_image_is_padded_above_and_below() {
     let mut planes = vec![0.0; 3 * 4 * 4];
     resize_with_pad(&[255; 4 * 2 * 3], [2, 4], 4, -3.0, &mut planes);
     for plane in planes.chunks_exact(16) {

@@ -30,8 +30,8 @@ pub struct Pi05Description {
     pub action_dim: usize,
     /// State numbers in the prompt.
     pub prompt_state: PromptState,
-    /// Value of the bars beside images that are not square.
-    pub bars: f32,
+    /// Value of the letterbox padding of images that are not square.
+    pub padding_value: f32,
     /// Number of entries to which the state is padded, if it is.
     pub max_state_dim: usize,
     /// Folder of the vocabulary.

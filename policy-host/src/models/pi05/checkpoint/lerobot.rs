@@ -220,7 +220,7 @@ impl Folder<'_> {
             action: outputs.scaling(ACTION, FeatureKind::Action, action_dim)?,
             action_dim,
             prompt_state,
-            bars: match prompt_state {
+            padding_value: match prompt_state {
                 PromptState::Unpadded => BLACK,
                 PromptState::Padded => BLACK_SCALED_TWICE,
             },
@@ -263,10 +263,12 @@ impl Folder<'_> {
         };
         let convention = match prompt_state {
             PromptState::Unpadded => "has one number per entry of the state",
-            PromptState::Padded => "has the state padded to `max_state_dim`, and images have bars of -3",
+            PromptState::Padded => {
+                "has the state padded to `max_state_dim`, and the letterbox padding of images is -3"
+            }
         };
         notes.push(format!(
-            "was written by {evidence}: its prompt {convention}; `prompt_state` in {MAPPING_FILE} decides otherwise"
+            "was written by {evidence}: its prompt {convention}; `prompt_state` in {MAPPING_FILE} overrides this"
         ));
         Ok(prompt_state)
     }

@@ -117,7 +117,7 @@ impl Folder<'_> {
             action: action.scaling(action_dim),
             action_dim,
             prompt_state: self.sidecar.prompt_state.unwrap_or_default(),
-            bars: BLACK,
+            padding_value: BLACK,
             max_state_dim: MAX_STATE_DIM,
             tokenizer_folder: self.folder.to_owned(),
             max_tokens,
