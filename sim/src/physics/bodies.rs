@@ -7,8 +7,8 @@ use rapier3d::math::{Pose, Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 
 use super::body::PhysicsBody;
+use super::collision::hull::Hull;
 use super::convert::to_pose;
-use super::hull::Hull;
 use super::solver::GROUND;
 use super::solver::point::{Kind, Tag};
 use scene::{Body, Mass, Motion, Primitive, TableKind};

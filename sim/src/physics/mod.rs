@@ -8,9 +8,9 @@
 mod arm;
 mod bodies;
 mod body;
+mod collision;
 mod convert;
 pub mod fingerprint;
-mod hull;
 mod parameters;
 mod solver;
 mod state;

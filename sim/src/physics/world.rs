@@ -2,11 +2,14 @@
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Vector3};
+use rapier3d::geometry::{BroadPhaseBvh, BvhOptimizationStrategy};
+use rapier3d::parry::query::{DefaultQueryDispatcher, QueryDispatcher};
 use rapier3d::pipeline::PhysicsWorld;
 
 use super::arm::Arm;
 use super::bodies;
 use super::body::PhysicsBody;
+use super::collision::separation::SeparatedBoxes;
 use super::convert::{from_pose, from_vector};
 use super::solver::Constraints;
 use super::solver::contacts::Contacts;
@@ -46,6 +49,8 @@ impl World {
     pub fn with_parameters(scene: &Scene, mode: ControlMode, parameters: &Parameters) -> Self {
         assert!(parameters.substeps > 0, "a physics step has at least one substep");
         let mut rapier = PhysicsWorld::default();
+        rapier.broad_phase = BroadPhaseBvh::with_optimization_strategy(BvhOptimizationStrategy::None);
+        rapier.narrow_phase.set_query_dispatcher(SeparatedBoxes.chain(DefaultQueryDispatcher));
         bodies::add_ground(&mut rapier, scene.table.kind);
         let things = scene.bodies.iter().enumerate();
         let bodies: Vec<PhysicsBody> =

@@ -19,27 +19,34 @@ const MAX_VERTICES: usize = 4;
 
 /// A convex polyhedron with contact points around the whole touching face.
 #[derive(Clone)]
-pub(crate) struct Hull(ConvexPolyhedron);
+pub(crate) struct Hull {
+    polyhedron: ConvexPolyhedron,
+    bounds: Aabb,
+}
 
 impl Hull {
     /// Creates the convex hull of points; `None` if they lie in one plane.
     pub(crate) fn shape(points: &[Vector]) -> Option<SharedShape> {
-        ConvexPolyhedron::from_convex_hull(points).map(|hull| SharedShape::new(Self(hull)))
+        ConvexPolyhedron::from_convex_hull(points).map(|hull| SharedShape::new(Self::new(hull)))
+    }
+
+    fn new(polyhedron: ConvexPolyhedron) -> Self {
+        Self { bounds: polyhedron.compute_local_aabb(), polyhedron }
     }
 }
 
 impl PolygonalFeatureMap for Hull {
     fn local_support_feature(&self, dir: Vector, feature: &mut PolygonalFeature) {
-        self.0.local_support_feature(dir, feature);
-        let face = &self.0.faces()[feature.fid.unpack().unwrap_face() as usize];
+        self.polyhedron.local_support_feature(dir, feature);
+        let face = &self.polyhedron.faces()[feature.fid.unpack().unwrap_face() as usize];
         let (first, n) = (face.first_vertex_or_edge as usize, face.num_vertices_or_edges as usize);
         if n <= MAX_VERTICES {
             return;
         }
-        let [vertices, edges] = [self.0.vertices_adj_to_face(), self.0.edges_adj_to_face()];
+        let [vertices, edges] = [self.polyhedron.vertices_adj_to_face(), self.polyhedron.edges_adj_to_face()];
         for i in 0..MAX_VERTICES {
             let at = first + i * n / MAX_VERTICES;
-            feature.vertices[i] = self.0.points()[vertices[at] as usize];
+            feature.vertices[i] = self.polyhedron.points()[vertices[at] as usize];
             feature.vids[i] = PackedFeatureId::vertex(vertices[at]);
             feature.eids[i] = PackedFeatureId::edge(edges[at]);
         }
@@ -52,7 +59,7 @@ impl PolygonalFeatureMap for Hull {
 
 impl SupportMap for Hull {
     fn local_support_point(&self, dir: Vector) -> Vector {
-        self.0.local_support_point(dir)
+        self.polyhedron.local_support_point(dir)
     }
 }
 
@@ -63,17 +70,17 @@ impl RayCast for Hull {
         max_time_of_impact: Real,
         solid: bool,
     ) -> Option<RayIntersection> {
-        self.0.cast_local_ray_and_get_normal(ray, max_time_of_impact, solid)
+        self.polyhedron.cast_local_ray_and_get_normal(ray, max_time_of_impact, solid)
     }
 }
 
 impl PointQuery for Hull {
     fn project_local_point(&self, point: Vector, solid: bool) -> PointProjection {
-        self.0.project_local_point(point, solid)
+        self.polyhedron.project_local_point(point, solid)
     }
 
     fn project_local_point_and_get_feature(&self, point: Vector) -> (PointProjection, FeatureId) {
-        self.0.project_local_point_and_get_feature(point)
+        self.polyhedron.project_local_point_and_get_feature(point)
     }
 }
 
@@ -83,19 +90,19 @@ impl Shape for Hull {
     }
 
     fn scale_dyn(&self, scale: Vector, _num_subdivisions: u32) -> Option<Box<dyn Shape>> {
-        self.0.clone().scaled(scale).map(|hull| Box::new(Self(hull)) as Box<dyn Shape>)
+        self.polyhedron.clone().scaled(scale).map(|hull| Box::new(Self::new(hull)) as Box<dyn Shape>)
     }
 
     fn compute_local_aabb(&self) -> Aabb {
-        self.0.compute_local_aabb()
+        self.bounds
     }
 
     fn compute_local_bounding_sphere(&self) -> BoundingSphere {
-        self.0.compute_local_bounding_sphere()
+        self.polyhedron.compute_local_bounding_sphere()
     }
 
     fn mass_properties(&self, density: Real) -> MassProperties {
-        self.0.mass_properties(density)
+        self.polyhedron.mass_properties(density)
     }
 
     fn is_convex(&self) -> bool {
@@ -107,15 +114,15 @@ impl Shape for Hull {
     }
 
     fn as_typed_shape(&self) -> TypedShape<'_> {
-        TypedShape::ConvexPolyhedron(&self.0)
+        TypedShape::ConvexPolyhedron(&self.polyhedron)
     }
 
     fn ccd_thickness(&self) -> Real {
-        self.0.ccd_thickness()
+        self.polyhedron.ccd_thickness()
     }
 
     fn ccd_angular_thickness(&self) -> Real {
-        self.0.ccd_angular_thickness()
+        self.polyhedron.ccd_angular_thickness()
     }
 
     fn as_support_map(&self) -> Option<&dyn SupportMap> {
