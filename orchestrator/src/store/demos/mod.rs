@@ -120,8 +120,8 @@ impl DemoPlan {
         Ok(if short { ExitStatus::EpisodeErrors } else { ExitStatus::Success })
     }
 
-    /// Records the missing episodes of all tasks on the scope's threads and writes them in the order of tasks and
-    /// indices, whatever the number of threads. Episodes of later tasks are recorded meanwhile.
+    /// Records the missing episodes of all tasks on the scope's threads and writes them in the order of
+    /// tasks and indices, whatever the number of threads. Episodes of later tasks are recorded meanwhile.
     fn record<'scope>(
         &'scope self,
         scope: &ScopeFifo<'scope>,
