@@ -195,12 +195,12 @@ def loss_of(policy, batch, precision):
     return loss
 
 
-def normalise(norm, x):
-    """Compute a frozen batch normalisation in one kernel and in the type of its input."""
+def fuse(norm, dtype):
+    """Replace the computation of a frozen batch normalisation by one kernel that takes and returns this type."""
     scale = norm.weight * (norm.running_var + norm.eps).rsqrt()
     shift = norm.bias - norm.running_mean * scale
-    shift, scale = (values.to(x.dtype)[:, None, None] for values in (shift, scale))
-    return torch.addcmul(shift, x, scale)
+    shift, scale = (values.to(dtype)[:, None, None] for values in (shift, scale))
+    norm.forward = lambda x: torch.addcmul(shift, x, scale)
 
 
 class Gradients:
@@ -208,7 +208,8 @@ class Gradients:
 
     def __init__(self, policy, precision):
         self.policy, self.precision, self.graph = policy, precision, None
-        self.n_eager = 0 if next(policy.parameters()).is_cuda else None
+        is_cuda = next(policy.parameters()).is_cuda
+        self.n_eager, self.stream = (0, torch.cuda.Stream()) if is_cuda else (None, None)
 
     def __call__(self, batch):
         """Set the gradients of all parameters and return the loss."""
@@ -225,11 +226,10 @@ class Gradients:
             return self.backward(batch)
         # Capturing asks for a few steps on a stream of their own.
         self.n_eager += 1
-        stream = torch.cuda.Stream()
-        stream.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(stream):
+        self.stream.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(self.stream):
             loss = self.backward(batch)
-        torch.cuda.current_stream().wait_stream(stream)
+        torch.cuda.current_stream().wait_stream(self.stream)
         return loss
 
     def backward(self, batch):
@@ -243,6 +243,7 @@ class Gradients:
         tensors = {key: values.clone() for key, values in batch.items() if isinstance(values, torch.Tensor)}
         try:
             torch.cuda.synchronize()
+            torch.cuda.empty_cache()
             graph = torch.cuda.CUDAGraph()
             with torch.cuda.graph(graph, capture_error_mode="thread_local"):
                 loss = self.backward(tensors)
@@ -331,7 +332,9 @@ def main():
         averaged.load_state_dict(policy.state_dict())
     torch.backends.cudnn.benchmark = True
     if args.precision == "bf16":
-        FrozenBatchNorm2d.forward = normalise
+        for norm in policy.modules():
+            if isinstance(norm, FrozenBatchNorm2d):
+                fuse(norm, torch.bfloat16)
         for network in (policy, averaged):
             network.model.backbone.to(memory_format=torch.channels_last)
     n_parameters = sum(parameter.numel() for parameter in policy.parameters())
