@@ -5,15 +5,16 @@
     train_act.py demos/single -o raise-cube --evaluate target/release/hypogeum
     hypogeum run --policy act=act:raise-cube --tasks RaiseCube --episodes 200
 
-Needs Python 3.12 and LeRobot 0.6 (`pip install './python[lerobot]' 'lerobot[dataset]'`). Uses a GPU if there is one.
-After an interruption, the same command resumes from the last checkpoint. The output folder is a LeRobot checkpoint of
-the averaged weights in half precision; its sub-folder `training` holds what only training needs: images, optimiser
-state and log.
+Needs Python 3.12 and LeRobot 0.6 (`pip install './python[lerobot]' pyarrow`). Uses a GPU if there is one: then the
+network computes in bfloat16, and images stay in the GPU's memory if they fit. `--max-minutes` limits the time of the
+whole command; the learning rate decays towards its end. `--shrink` is not needed for `hypogeum demos --shrink`. After
+an interruption, the same command resumes from the last checkpoint. The output folder is a LeRobot checkpoint of the
+averaged weights in half precision; its sub-folder `training` holds what only training needs: images, optimiser state
+and log.
 """
 
 import argparse
 import copy
-import functools
 import json
 import math
 import os
@@ -23,35 +24,42 @@ from pathlib import Path
 
 from hypogeum.requirements import explained
 
-INSTALL = "pip install './python[lerobot]' 'lerobot[dataset]'"
+STARTED = time.monotonic()
+INSTALL = "pip install './python[lerobot]' pyarrow"
 with explained(INSTALL):
     import numpy as np
     import torch
     import torch.nn.functional as F
-    from safetensors.torch import load_file, save_file
-    from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+    from safetensors.torch import load_file
     from torchvision.ops.misc import FrozenBatchNorm2d
 
     from hypogeum.backbone import resnet18_of
-    from hypogeum.images import to_network
-    from hypogeum.training import success_rates
+    from hypogeum.demonstrations import ACTION, INSTRUCTION, STATE, Demonstrations, prefetched, shuffled
+    from hypogeum.training import Schedule, success_rates, update_average
     from lerobot.configs.types import FeatureType, PolicyFeature
-    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
-    from lerobot.datasets.lerobot_dataset import LeRobotDataset
     from lerobot.policies.act.configuration_act import ACTConfig
     from lerobot.policies.act.modeling_act import ACTPolicy
     from lerobot.policies.act.processor_act import make_act_pre_post_processors
+    from lerobot.utils.constants import OBS_IMAGES
 
-STATE, INSTRUCTION, ACTION = "observation.state", "observation.environment_state", "action"
 # Lower bound on the standard deviations by which vectors are divided, as in the benchmark's own training.
 MIN_STD = 0.01
 WARM_UP_STEPS = 500
 # Fraction of all steps over which the learning rate decays to zero.
 COOL_DOWN = 0.25
+# Steps between two lines of progress, at which the loss is read.
+LOG_STEPS = 100
+# Seconds that saving the last checkpoint may take.
+SAVING_S = 4
+# Steps before a CUDA graph is captured.
+EAGER_STEPS = 5
 # Side in pixels of the images from which the batch statistics are computed.
 CALIBRATION_SIDE = 64
 # Arguments that must not change when training resumes.
-FIXED = ("tasks", "batch_size", "width", "shrink", "dim", "layers", "chunk", "dropout", "vae", "ema", "seed", "init")
+FIXED = (
+    "tasks", "frame_stride", "batch_size", "width", "shrink", "dim", "layers", "chunk", "dropout", "vae", "ema", "seed",
+    "init",
+)  # fmt: skip
 
 
 def arguments():
@@ -60,6 +68,8 @@ def arguments():
     parser.add_argument("-o", "--output", type=Path, required=True, help="checkpoint folder")
     parser.add_argument("--tasks", help="comma-separated task names (default: all in the dataset)")
     parser.add_argument("--steps", type=int, default=20_000, help="total updates; may be increased when resuming")
+    parser.add_argument("--max-minutes", type=float, help="time in which to end, even before the last step")
+    parser.add_argument("--frame-stride", type=int, default=1, help="begin examples at every nth frame of an episode")
     parser.add_argument("--batch-size", type=int, default=16)
     parser.add_argument("--lr", type=float, default=2e-4)
     parser.add_argument("--width", type=int, default=64, help="channels of the ResNet-18's first stage; usually 64")
@@ -73,79 +83,21 @@ def arguments():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--init", metavar="CHECKPOINT", help="fine-tune the weights of a checkpoint of this script")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument(
+        "--precision", choices=["f32", "bf16"], help="precision of the network in training (default: bf16 on a GPU)"
+    )
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     parser.add_argument("--save-every", type=int, default=1000, help="steps between checkpoints")
     parser.add_argument("--evaluate", metavar="HYPOGEUM", help="binary with which to evaluate every checkpoint")
     parser.add_argument("--episodes", type=int, default=20, help="episodes per task in an evaluation")
     parser.add_argument("--evaluation-seed", type=int, default=7, help="use another seed for reported results")
-    return parser.parse_args()
+    args = parser.parse_args()
+    args.precision = args.precision or ("bf16" if args.device.startswith("cuda") else "f32")
+    return args
 
 
-@functools.lru_cache(maxsize=1)
-def shuffled(n, seed, epoch):
-    """Return the order of the frames in an epoch, a permutation of `range(n)`."""
-    return np.random.default_rng([seed, epoch]).permutation(n)
-
-
-class Demonstrations:
-    """Frames of the selected tasks: vectors in memory, images memory-mapped in the network's input size.
-
-    Args:
-        root: Folder of the dataset.
-        tasks: Task names, or None for all.
-        shrink: Factor by which images are downscaled.
-        chunk: Rows of an action chunk.
-        cache: Folder for the decoded images.
-    """
-
-    def __init__(self, root, tasks, shrink, chunk, cache):
-        if not (root / "meta/hypogeum.jsonl").exists():
-            sys.exit(f"{root} has no meta/hypogeum.jsonl: expected a dataset of `hypogeum demos`, such as demos/single")
-        rows = [row for line in (root / "meta/hypogeum.jsonl").read_text().splitlines() for row in json.loads(line)]
-        self.tasks = sorted(set(tasks or (row["task"] for row in rows)))
-        unknown = set(self.tasks) - {row["task"] for row in rows}
-        if unknown:
-            sys.exit(f"{root} has no episodes of {', '.join(sorted(unknown))}")
-        name = f"hypogeum/{root.name}"
-        meta = LeRobotDatasetMetadata(name, root=root)
-        episodes = [idx for idx, row in enumerate(rows) if row["task"] in self.tasks]
-        sides = {key: meta.features[key]["shape"][:2] for key in meta.camera_keys}
-        self.cameras = {key: [3, *(side // shrink for side in shape)] for key, shape in sides.items()}
-        lengths = np.array([rows[idx]["n_frames"] for idx in episodes])
-        self.n_frames = int(lengths.sum())
-        # End of its episode (exclusive), per frame.
-        self.ends = np.repeat(np.cumsum(lengths), lengths)
-        self.offsets = np.arange(chunk)
-        paths = {key: cache / f"{key}-{'-'.join(map(str, shape[1:]))}.npy" for key, shape in self.cameras.items()}
-        vectors = cache / "vectors.safetensors"
-        if not all(path.exists() for path in [*paths.values(), vectors]):
-            self.fill(LeRobotDataset(name, root=root, episodes=episodes), paths, vectors)
-        self.images = {key: np.load(path, mmap_mode="r") for key, path in paths.items()}
-        self.vectors = load_file(vectors)
-        found = {len(values) for values in [*self.images.values(), *self.vectors.values()]}
-        if found != {self.n_frames}:
-            sys.exit(f"{cache} was made from another dataset or other tasks; remove it")
-
-    def fill(self, dataset, paths, vectors):
-        """Decode every image once. The vectors are written last and mark the cache as complete."""
-        vectors.unlink(missing_ok=True)
-        images = {
-            key: np.lib.format.open_memmap(path, "w+", np.uint8, (self.n_frames, *self.cameras[key][1:], 3))
-            for key, path in paths.items()
-        }
-        frames, values = dataset.hf_dataset.with_format(None), {STATE: [], INSTRUCTION: [], ACTION: []}
-        start = time.monotonic()
-        for idx, frame in enumerate(frames):
-            for key, array in images.items():
-                pixels = to_network(np.asarray(frame[key])[None], *self.cameras[key][1:])
-                array[idx] = (pixels[0] * 255).round().permute(1, 2, 0).numpy()
-            for key, rows in values.items():
-                rows.append(frame[key])
-            if idx % 5000 == 0:
-                print(f"decoded {idx} of {self.n_frames} frames, {time.monotonic() - start:.0f} s", flush=True)
-        for array in images.values():
-            array.flush()
-        save_file({key: torch.tensor(np.array(rows, np.float32)) for key, rows in values.items()}, vectors)
+class Examples(Demonstrations):
+    """Demonstrations with the batches and statistics of ACT."""
 
     def stats(self):
         """Return means and standard deviations, of vectors per element and of images per channel."""
@@ -153,21 +105,29 @@ class Demonstrations:
         for key, values in self.vectors.items():
             stats[key] = {"mean": values.mean(0), "std": values.std(0).clamp_min(MIN_STD)}
         for key, images in self.images.items():
-            sample = np.asarray(images[:: max(1, self.n_frames // 2000)], np.float64) / 255
-            moments = {"mean": sample.mean((0, 1, 2)), "std": sample.std((0, 1, 2))}
+            sample = images[:: max(1, len(images) // 2000)].numpy()
+            counts = np.stack([np.bincount(sample[..., channel].ravel(), minlength=256) for channel in range(3)])
+            shares, levels = counts / counts.sum(1, keepdims=True), np.arange(256) / 255
+            mean = shares @ levels
+            moments = {"mean": mean, "std": np.sqrt((shares * (levels - mean[:, None]) ** 2).sum(1))}
             stats[key] = {name: torch.tensor(value).float()[:, None, None] for name, value in moments.items()}
         return stats
 
-    def batch(self, step, size, seed):
-        """Return the batch of a training step, a function of the arguments alone. An epoch visits every frame once."""
-        per_epoch = self.n_frames // size
-        frames = np.sort(shuffled(self.n_frames, seed, step // per_epoch)[step % per_epoch * size :][:size])
-        future = frames[:, None] + self.offsets
+    def batch(self, step, size, chunk, seed):
+        """Return the batch of a training step, a function of the arguments alone, with images as bytes.
+
+        An epoch visits every observed frame once.
+        """
+        n = len(self.observed)
+        order, place = shuffled(n, seed, step // (n // size)), step % (n // size)
+        observed = torch.from_numpy(np.sort(order[place * size :][:size]))
+        batch = self.gather(observed)
+        frames = self.observed[observed.to(self.observed.device, non_blocking=True)]
+        future = frames[:, None] + torch.arange(chunk, device=frames.device)
         last = self.ends[frames][:, None] - 1
-        batch = {key: torch.from_numpy(images[frames]).permute(0, 3, 1, 2) / 255 for key, images in self.images.items()}
         batch |= {key: self.vectors[key][frames] for key in (STATE, INSTRUCTION)}
-        batch[ACTION] = self.vectors[ACTION][np.minimum(future, last)]
-        batch["action_is_pad"] = torch.from_numpy(future > last)
+        batch[ACTION] = self.vectors[ACTION][torch.minimum(future, last)]
+        batch["action_is_pad"] = future > last
         return batch
 
 
@@ -218,17 +178,94 @@ def calibrate(policy, batch):
         hook.remove()
 
 
-def learning_rate(step, args):
-    """Return the learning rate of a step: warm-up, constant, then linear decay to zero.
+def loss_of(policy, batch, precision):
+    """Return the loss of LeRobot's `ACTPolicy.forward`, which also copies it to the host."""
+    batch = batch | {OBS_IMAGES: [batch[key] for key in policy.config.image_features]}
+    device, is_half = batch[ACTION].device, precision == "bf16"
+    # Casts of weights must not outlive a graph's capture, so they are not cached.
+    # LeRobot makes zeros on the default device and copies them, which a graph must not do.
+    with torch.device(device), torch.autocast(device.type, torch.bfloat16, enabled=is_half, cache_enabled=False):
+        actions, (mean, log_variance) = policy.model(batch)
+    errors = F.l1_loss(batch[ACTION], actions.float(), reduction="none")
+    valid = ~batch["action_is_pad"][..., None]
+    loss = (errors * valid).sum() / (valid.sum() * errors.shape[-1]).clamp_min(1)
+    if mean is not None:
+        divergence = -0.5 * (1 + log_variance - mean.pow(2) - log_variance.exp()).sum(-1).mean()
+        loss = loss + divergence * policy.config.kl_weight
+    return loss
 
-    Because the rate is constant in between, a run can be extended with a larger `--steps`.
-    """
-    return args.lr * min((step + 1) / WARM_UP_STEPS, (args.steps - step) / (COOL_DOWN * args.steps), 1)
+
+def fuse(norm, dtype):
+    """Replace the computation of a frozen batch normalisation by one kernel that takes and returns this type."""
+    scale = norm.weight * (norm.running_var + norm.eps).rsqrt()
+    shift = norm.bias - norm.running_mean * scale
+    shift, scale = (values.to(dtype)[:, None, None] for values in (shift, scale))
+    norm.forward = lambda x: torch.addcmul(shift, x, scale)
+
+
+class Gradients:
+    """Computation of a batch's loss and gradients, on a GPU as a CUDA graph, which costs one launch per step."""
+
+    def __init__(self, policy, precision):
+        self.policy, self.precision, self.graph = policy, precision, None
+        is_cuda = next(policy.parameters()).is_cuda
+        self.n_eager, self.stream = (0, torch.cuda.Stream()) if is_cuda else (None, None)
+
+    def __call__(self, batch):
+        """Set the gradients of all parameters and return the loss."""
+        if self.n_eager == EAGER_STEPS:
+            self.n_eager = None
+            self.capture(batch)
+        if self.graph:
+            for key, values in self.batch.items():
+                values.copy_(batch[key])
+            self.graph.replay()
+            return self.loss.clone()
+        self.policy.zero_grad()
+        if self.n_eager is None:
+            return self.backward(batch)
+        # Capturing asks for a few steps on a stream of their own.
+        self.n_eager += 1
+        self.stream.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(self.stream):
+            loss = self.backward(batch)
+        torch.cuda.current_stream().wait_stream(self.stream)
+        return loss
+
+    def backward(self, batch):
+        loss = loss_of(self.policy, batch, self.precision)
+        loss.backward()
+        return loss.detach()
+
+    def capture(self, batch):
+        """Record the computation. If that fails, the steps go on as they are."""
+        self.policy.zero_grad()
+        tensors = {key: values.clone() for key, values in batch.items() if isinstance(values, torch.Tensor)}
+        try:
+            torch.cuda.synchronize()
+            torch.cuda.empty_cache()
+            graph = torch.cuda.CUDAGraph()
+            with torch.cuda.graph(graph, capture_error_mode="thread_local"):
+                loss = self.backward(tensors)
+        except Exception as error:
+            self.policy.zero_grad()
+            print(f"no CUDA graph, steps take longer: {type(error).__name__}: {error}", flush=True)
+        else:
+            self.graph, self.batch, self.loss = graph, tensors, loss
+
+
+def read(losses, done):
+    """Return the losses of the last steps as numbers. It waits for the device, so it is not done in every step."""
+    numbers = torch.stack(losses).tolist()
+    for step, loss in enumerate(numbers, done - len(losses)):
+        if not math.isfinite(loss):
+            sys.exit(f"the loss of step {step} is {loss}; lower --lr and resume from the last checkpoint")
+    return numbers
 
 
 def export(policy, processors, folder):
     """Save a LeRobot checkpoint in half precision, with the language encoder's settings in `hypogeum.json`."""
-    copy.deepcopy(policy).half().save_pretrained(folder)
+    copy.deepcopy(policy).half().to(memory_format=torch.contiguous_format).save_pretrained(folder)
     for processor in processors:
         processor.save_pretrained(folder)
     dim = policy.config.input_features[INSTRUCTION].shape[0]
@@ -243,21 +280,38 @@ def evaluate(args, tasks):
     )  # fmt: skip
 
 
+def make_data(args, cache):
+    """Return the demonstrations, and their statistics before they leave the CPU."""
+    data = Examples(
+        args.dataset, args.tasks and args.tasks.split(","), cache, stride=args.frame_stride, processes=args.threads,
+        size_of=lambda *sides: [side // args.shrink for side in sides],
+    )  # fmt: skip
+    if len(data.observed) < args.batch_size:
+        sys.exit(f"--batch-size {args.batch_size} exceeds the {len(data.observed)} frames of the dataset")
+    return data, data.stats()
+
+
 def main():
     args = arguments()
     torch.set_num_threads(args.threads)
     torch.manual_seed(args.seed)
     folder = args.output / "training"
     folder.mkdir(parents=True, exist_ok=True)
-    data = Demonstrations(args.dataset, args.tasks and args.tasks.split(","), args.shrink, args.chunk, folder)
+    data, stats = make_data(args, folder)
+    is_resident = data.place(args.device)
     policy = make_policy(args, data)
-    processors = make_act_pre_post_processors(policy.config, data.stats())
+    processors = make_act_pre_post_processors(policy.config, stats)
 
-    def prepare(step):
-        return processors[0](data.batch(step, args.batch_size, args.seed))
+    def prepare(batch):
+        return processors[0](batch | {key: batch[key] / 255 for key in data.cameras})
 
-    averaged = AveragedModel(policy, multi_avg_fn=get_ema_multi_avg_fn(args.ema))
-    optimiser = torch.optim.AdamW(policy.parameters(), lr=args.lr, weight_decay=1e-4)
+    def batch_of(step):
+        return data.batch(step, args.batch_size, args.chunk, args.seed)
+
+    averaged = copy.deepcopy(policy)
+    is_fused = args.device.startswith("cuda")
+    optimiser = torch.optim.AdamW(policy.parameters(), lr=args.lr, weight_decay=1e-4, fused=is_fused)
+    parts = {"policy": policy, "averaged": averaged, "optimiser": optimiser}
     state, first = folder / "state.pt", 0
     fixed = {name: getattr(args, name) for name in FIXED} | {"tasks": data.tasks}
     if state.exists():
@@ -266,7 +320,7 @@ def main():
             made_with = saved["fixed"].get(name)
             if made_with != value:
                 sys.exit(f"{state} was made with {name} {made_with}, not {value}; choose another --output")
-        for name, part in (("policy", policy), ("averaged", averaged), ("optimiser", optimiser)):
+        for name, part in parts.items():
             part.load_state_dict(saved[name])
         first = saved["step"]
         print(f"resuming after step {first}")
@@ -274,32 +328,43 @@ def main():
         if args.init:
             load_weights(policy, args.init)
         else:
-            calibrate(policy, prepare(0))
-        averaged.module.load_state_dict(policy.state_dict())
+            calibrate(policy, prepare(batch_of(0)))
+        averaged.load_state_dict(policy.state_dict())
+    torch.backends.cudnn.benchmark = True
+    if args.precision == "bf16":
+        for norm in policy.modules():
+            if isinstance(norm, FrozenBatchNorm2d):
+                fuse(norm, torch.bfloat16)
+        for network in (policy, averaged):
+            network.model.backbone.to(memory_format=torch.channels_last)
     n_parameters = sum(parameter.numel() for parameter in policy.parameters())
     print(f"{', '.join(data.tasks)}: {data.n_frames} frames, {n_parameters / 1e6:.2f} M parameters", flush=True)
 
     policy.train()
-    losses, start = [], time.monotonic()
-    for step in range(first, args.steps):
+    gradients, unread, losses, start = Gradients(policy, args.precision), [], [], time.monotonic()
+    seconds = args.max_minutes and args.max_minutes * 60 - (start - STARTED) - SAVING_S
+    schedule = Schedule(args.lr, args.steps, warm_up=WARM_UP_STEPS, cool_down=COOL_DOWN, seconds=seconds)
+    steps = range(first, args.steps)
+    for step, batch in zip(steps, map(batch_of, steps) if is_resident else prefetched(batch_of, steps)):
         for group in optimiser.param_groups:
-            group["lr"] = learning_rate(step, args)
+            group["lr"] = schedule.rate_at(step, schedule.progress(step))
         torch.manual_seed(args.seed + step)
-        loss, _ = policy(prepare(step))
-        optimiser.zero_grad()
-        loss.backward()
+        unread.append(gradients(prepare(batch)))
         torch.nn.utils.clip_grad_norm_(policy.parameters(), 10)
         optimiser.step()
-        averaged.update_parameters(policy)
-        losses.append(loss.item())
-        if not math.isfinite(losses[-1]):
-            sys.exit(f"the loss of step {step} is {losses[-1]}; lower --lr and resume from the last checkpoint")
+        update_average(averaged, policy, step, args.ema)
         done = step + 1
-        if done % 100 == 0:
+        is_last = schedule.progress(done) >= 1
+        is_saved = done % args.save_every == 0 or is_last
+        if done % LOG_STEPS == 0 or is_saved:
+            losses += read(unread, done)
+            unread.clear()
+        if done % LOG_STEPS == 0:
             rate = (done - first) * args.batch_size / (time.monotonic() - start)
-            print(f"step {done} of {args.steps}: loss {np.mean(losses[-100:]):.4f}, {rate:.1f} samples/s", flush=True)
-        if done % args.save_every == 0 or done == args.steps:
-            export(averaged.module, processors, args.output)
+            loss = np.mean(losses[-LOG_STEPS:])
+            print(f"step {done} of {args.steps}: loss {loss:.4f}, {rate:.1f} samples/s", flush=True)
+        if is_saved:
+            export(averaged, processors, args.output)
             row = {"step": done, "loss": float(np.mean(losses)), "seconds": round(time.monotonic() - start, 1)}
             if args.evaluate:
                 row["success_once"] = evaluate(args, data.tasks)
@@ -308,10 +373,11 @@ def main():
                 log.write(json.dumps(row) + "\n")
             print(json.dumps(row), flush=True)
             # Saved last: after an interruption, unfinished work since the previous checkpoint is repeated.
-            parts = {"policy": policy, "averaged": averaged, "optimiser": optimiser}
             saved = {name: part.state_dict() for name, part in parts.items()} | {"step": done, "fixed": fixed}
             torch.save(saved, folder / "new.pt")
             (folder / "new.pt").replace(state)
+        if is_last:
+            break
 
 
 if __name__ == "__main__":

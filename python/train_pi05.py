@@ -17,7 +17,7 @@ per observation and reads images and prompt only once for all of them. Four thin
 - *Foreign instructions.* A fraction of the examples shows a scene with the instruction of a task that cannot be done
   in it. Their target is to hold still. These examples are not demonstrations: they make the policy read.
 
-Needs Python 3.12 and LeRobot 0.6 (`pip install './python[pi]' 'lerobot[dataset]'`). After an interruption, the same
+Needs Python 3.12 and LeRobot 0.6 (`pip install './python[pi]' 'lerobot>=0.6' pyarrow`). After an interruption, the same
 command resumes from the last checkpoint. The output folder is a LeRobot checkpoint of the averaged weights in bfloat16,
 with its tokenizer; its sub-folder `training` holds what only training needs: images, optimiser state and log.
 """
@@ -35,28 +35,25 @@ from pathlib import Path
 
 from hypogeum.requirements import explained
 
-INSTALL = "pip install './python[pi]' 'lerobot[dataset]'"
+INSTALL = "pip install './python[pi]' 'lerobot>=0.6' pyarrow"
 with explained(INSTALL):
     import numpy as np
     import sentencepiece
     import torch
     import torch.nn.functional as F
-    from safetensors.torch import load_file, save_file
+    from safetensors.torch import save_file
     from torch import nn
 
-    from hypogeum.images import to_network
+    from hypogeum.demonstrations import ACTION, IMAGES, STATE, Demonstrations
     from hypogeum.pi05 import UNUSED, Widths, narrow, processors_of
     from hypogeum.robot import state_slice
     from hypogeum.tokenizer import Tokenizer
-    from hypogeum.training import success_rates
+    from hypogeum.training import Schedule, success_rates, update_average
     from lerobot.configs.types import FeatureType, PolicyFeature
-    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
-    from lerobot.datasets.lerobot_dataset import LeRobotDataset
     from lerobot.policies.pi05.configuration_pi05 import PI05Config
     from lerobot.policies.pi05.modeling_pi05 import PI05Policy
     from transformers.models.gemma.modeling_gemma import apply_rotary_pos_emb
 
-STATE, ACTION, IMAGES = "observation.state", "action", "observation.images."
 PARAPHRASES = Path(__file__).parent.parent / "sim/src/tasks/paraphrases"
 # LeRobot's forward pass requires eight query heads.
 N_HEADS = 8
@@ -89,7 +86,7 @@ WARM_UP_STEPS = 200
 COOL_DOWN = 0.3
 # Arguments that must not change when training resumes.
 FIXED = (
-    "tasks", "stride", "side", "vision", "vision_layers", "vision_heads", "vision_mlp", "prefix", "prefix_mlp",
+    "tasks", "frame_stride", "side", "vision", "vision_layers", "vision_heads", "vision_mlp", "prefix", "prefix_mlp",
     "expert", "expert_mlp", "layers", "head_dim", "chunk", "vocabulary",
 )  # fmt: skip
 
@@ -105,7 +102,7 @@ def arguments():
     parser.add_argument("--draws", type=int, default=4, help="noises per observation")
     parser.add_argument("--lr", type=float, default=6e-4)
     parser.add_argument("--foreign", type=float, default=0.15, help="fraction of examples with a foreign instruction")
-    parser.add_argument("--stride", type=int, default=3, help="use every nth frame as an observation")
+    parser.add_argument("--frame-stride", type=int, default=3, help="begin examples at every nth frame of an episode")
     parser.add_argument("--side", type=int, default=84, help="side of the images, a multiple of 14")
     parser.add_argument("--vision", type=int, default=128, help="width of the vision tower")
     parser.add_argument("--vision-layers", type=int, default=4)
@@ -177,74 +174,33 @@ def train_tokenizer(instructions, vocabulary):
 # Data
 
 
-class Demonstrations:
-    """Frames of the selected tasks: vectors in memory, images memory-mapped in the network's input size.
+class Examples(Demonstrations):
+    """Demonstrations with the batches and statistics of π0.5.
 
     Args:
-        root: Folder of the dataset.
-        weights: {task: weight in a batch}, or None for all tasks with equal weights.
+        weights: {task: weight in a batch}, or empty for all tasks with equal weights.
         args: Command line arguments.
         cache: Folder for the decoded images.
     """
 
-    def __init__(self, root, weights, args, cache):
-        path = root / "meta/hypogeum.json"
-        if not path.exists():
-            sys.exit(f"{path} does not exist: expected a dataset of `hypogeum demos`, such as demos/single")
-        self.settings = json.loads(path.read_text())
-        self.morphology = self.settings["morphology"]
-        rows = [row for line in (root / "meta/hypogeum.jsonl").read_text().splitlines() for row in json.loads(line)]
-        weights = weights or {row["task"]: 1.0 for row in rows}
-        unknown = weights.keys() - {row["task"] for row in rows}
-        if unknown:
-            sys.exit(f"{root} has no episodes of {', '.join(sorted(unknown))}")
-        self.weights = dict(sorted(weights.items()))
-        self.tasks, self.chunk, self.stride = list(self.weights), args.chunk, args.stride
-        episodes = [idx for idx, row in enumerate(rows) if row["task"] in self.weights]
-        lengths = np.array([rows[idx]["n_frames"] for idx in episodes])
-        self.ends = np.repeat(np.cumsum(lengths), lengths)
-        self.starts = np.repeat(np.cumsum(lengths) - lengths, lengths)
-        self.n_frames = int(lengths.sum())
-        task_of = np.repeat([self.tasks.index(rows[idx]["task"]) for idx in episodes], lengths)
-        self.observed = np.flatnonzero((np.arange(self.n_frames) - self.starts) % self.stride == 0)
-        self.cameras = [f"{IMAGES}{name}" for name in CAMERAS[self.morphology]]
-        images, vectors = cache / f"images-{args.side}.npy", cache / "vectors.safetensors"
-        if not (images.exists() and vectors.exists()):
-            dataset = LeRobotDataset(f"hypogeum/{root.name}", root=root, episodes=episodes)
-            self.fill(dataset, images, vectors, args.side)
-        # Images by observed frame and camera, `[n, n_cameras, side, side, 3] u8`.
-        self.images = np.load(images, mmap_mode="r")
-        loaded = load_file(vectors)
-        if len(self.images) != len(self.observed) or len(loaded[STATE]) != self.n_frames:
-            sys.exit(f"{cache} was made from another dataset or other tasks; remove it")
-        self.states, self.actions = loaded[STATE], loaded[ACTION]
+    def __init__(self, weights, args, cache):
+        settings = args.dataset / "meta/hypogeum.json"
+        self.morphology = json.loads(settings.read_text())["morphology"] if settings.exists() else "single"
+        super().__init__(
+            args.dataset, weights, cache, size_of=lambda *_: (args.side, args.side), stride=args.frame_stride,
+            cameras=[f"{IMAGES}{name}" for name in CAMERAS[self.morphology]], vectors=(STATE, ACTION),
+            processes=args.threads,
+        )  # fmt: skip
+        self.weights = {task: weights.get(task, 1.0) for task in self.tasks}
+        parts = [state_slice(self.morphology, part) for part in STATE_PARTS[self.morphology]]
+        self.states = torch.cat([self.vectors[STATE][:, part] for part in parts], dim=1)
+        self.actions, self.chunk = self.vectors[ACTION], args.chunk
         # Indices into the observed frames, by task: all, and those at the start of an episode.
-        observed_task, age = task_of[self.observed], self.observed - self.starts[self.observed]
+        observed_task, age = self.task_of[self.observed], self.observed - self.starts[self.observed]
         self.by_task = [np.flatnonzero(observed_task == idx) for idx in range(len(self.tasks))]
         self.at_start = [
             np.flatnonzero((observed_task == idx) & (age < N_START_FRAMES)) for idx in range(len(self.tasks))
         ]
-
-    def fill(self, dataset, images, vectors, side):
-        """Decode every observed image once. The vectors are written last and mark the cache as complete."""
-        vectors.unlink(missing_ok=True)
-        parts = [state_slice(self.morphology, part) for part in STATE_PARTS[self.morphology]]
-        columns = dataset.hf_dataset.with_format("numpy", columns=[STATE, ACTION])[:]
-        states = np.concatenate([np.asarray(columns[STATE])[:, part] for part in parts], axis=1)
-        shape = (len(self.observed), len(self.cameras), side, side, 3)
-        array = np.lib.format.open_memmap(images, "w+", np.uint8, shape)
-        frames, start = dataset.hf_dataset.with_format(None).select_columns(self.cameras), time.monotonic()
-        for idx, frame_idx in enumerate(self.observed):
-            frame = frames[int(frame_idx)]
-            for camera_idx, camera in enumerate(self.cameras):
-                pixels = to_network(np.asarray(frame[camera])[None], side, side)
-                array[idx, camera_idx] = (pixels[0] * 255).round().permute(1, 2, 0).numpy()
-            if idx % 2000 == 0:
-                print(f"decoded {idx} of {len(self.observed)} frames, {time.monotonic() - start:.0f} s", flush=True)
-        array.flush()
-        tensors = {STATE: states, ACTION: np.asarray(columns[ACTION])}
-        tensors = {name: torch.from_numpy(np.ascontiguousarray(x, np.float32)) for name, x in tensors.items()}
-        save_file(tensors, vectors)
 
     def stats(self):
         """Return the ranges that become [-1, 1]: a little more than all states, and most of the actions."""
@@ -291,9 +247,8 @@ class Demonstrations:
         actions = self.actions[np.minimum(frames[:, None] + np.arange(self.chunk), last)]
         later = self.states[np.minimum(frames[:, None] + np.array(LATER), last)]
         states, foreign = self.states[frames], torch.from_numpy(foreign)[:, None, None]
-        images = torch.from_numpy(self.images[observed]).permute(1, 0, 4, 2, 3)
         return {
-            "images": images,
+            "images": torch.stack(list(self.gather(observed).values())),
             "texts": texts,
             STATE: states,
             ACTION: torch.where(foreign, self.hold_still(frames)[:, None], actions),
@@ -458,18 +413,6 @@ def flow_loss(network, images, tokens, mask, actions, noise, t):
 # Training
 
 
-def learning_rate(step, args):
-    """Return the learning rate of a step: warm-up, constant, then linear decay to zero."""
-    return args.lr * min((step + 1) / WARM_UP_STEPS, (args.steps - step) / (COOL_DOWN * args.steps), 1)
-
-
-@torch.no_grad()
-def update_average(averaged, policy, done, decay):
-    """Move the averaged weights towards the current ones; early steps count more."""
-    weight = 1 - min(decay, (1 + done) / (10 + done))
-    torch._foreach_lerp_(list(averaged.parameters()), list(policy.parameters()), weight)
-
-
 def export(policy, processors, tokenizer, args, morphology):
     """Save a LeRobot checkpoint in bfloat16, with the tokenizer and what LeRobot's files do not say."""
     args.output.mkdir(parents=True, exist_ok=True)
@@ -505,12 +448,12 @@ def main():
     torch.manual_seed(args.seed)
     folder = args.output / "training"
     folder.mkdir(parents=True, exist_ok=True)
-    data = Demonstrations(args.dataset, parse_weights(args.tasks), args, folder)
+    data = Examples(parse_weights(args.tasks), args, folder)
     instructions = read_instructions(args.binary, data.morphology)
     model_path = args.output / "tokenizer.model"
     model = model_path.read_bytes() if model_path.exists() else train_tokenizer(instructions, args.vocabulary)
     tokenizer, stats = Tokenizer.from_sentencepiece(model), data.stats()
-    config = make_config(args, data.cameras, data.states.shape[1], data.actions.shape[1])
+    config = make_config(args, list(data.cameras), data.states.shape[1], data.actions.shape[1])
     policy, averaged = (make_policy(args, config, tokenizer) for _ in range(2))
     averaged.load_state_dict(policy.state_dict())
     processors = processors_of(config, stats, tokenizer)
@@ -537,9 +480,10 @@ def main():
     policy.train()
     loss_of = torch.compile(flow_loss) if args.compile else flow_loss
     losses, start = [], time.monotonic()
+    schedule = Schedule(args.lr, args.steps, warm_up=WARM_UP_STEPS, cool_down=COOL_DOWN)
     for step in range(first, args.steps):
         for group in optimiser.param_groups:
-            group["lr"] = learning_rate(step, args)
+            group["lr"] = schedule.rate_at(step, schedule.progress(step))
         torch.manual_seed(args.seed + step)
         batch = data.batch(step, args, instructions)
         states, actions = scaled(batch[STATE], stats[STATE]), scaled(batch[ACTION], stats[ACTION])

@@ -100,6 +100,7 @@ fn options_that_contradict_the_dataset_are_rejected() {
     run(dir.path(), &demos(&[])).expect_code(0);
     rejected(&demos(&["--seed", "5"]), &["hypogeum.json", "seed is 1000", "5"]);
     rejected(&demos(&["--images", "png"]), &["images is \"jpeg\"", "\"png\""]);
+    rejected(&demos(&["--shrink", "2"]), &["shrink is 1", "2"]);
     rejected(&demos(&["--images", "gif"]), &["--images", "jpeg, png"]);
     rejected(&demos(&["--control-mode", "pd_ee_pose"]), &["pd_ee_pose", "pd_joint_pos"]);
     rejected(&demos(&["--perturbation", "RO-Color"]), &["RO-Color", "RaiseCube"]);

@@ -54,6 +54,9 @@ pub(crate) struct DemosArgs {
     /// File format of the images
     #[arg(long, value_name = "FORMAT", value_enum, ignore_case = true, default_value_t = ImageFormat::Jpeg)]
     pub(crate) images: ImageFormat,
+    /// Factor by which images are downscaled before they are stored, for policies that read smaller ones
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub(crate) shrink: u8,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "T", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub(crate) threads: Option<u32>,
@@ -72,7 +75,7 @@ const DEMO_MODE_PARSER: NameParser<ControlMode, UnknownName> = NameParser {
 
 /// Records demonstrations until each task has as many as requested.
 pub(crate) fn demos(args: &DemosArgs) -> Result<ExitStatus, Failure> {
-    let &DemosArgs { perturbation, strength, profile, control_mode, seed, images, .. } = args;
+    let &DemosArgs { perturbation, strength, profile, control_mode, seed, images, shrink, .. } = args;
     let tasks = TaskSelector::select(&args.tasks);
     for &task in &tasks {
         Condition::new(task, perturbation).or_user()?;
@@ -93,18 +96,14 @@ pub(crate) fn demos(args: &DemosArgs) -> Result<ExitStatus, Failure> {
         profile,
         seed,
         images,
+        shrink: usize::from(shrink),
         protocol,
     };
-    let plan = DemoPlan { tasks, episodes: args.episodes, single_arm, language };
-    let n_threads = match args.threads {
-        Some(threads) => threads as usize,
-        None => n_cores() as usize,
-    };
-    let pool =
-        rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().context("failed to start threads")?;
+    let n_threads = args.threads.unwrap_or_else(n_cores) as usize;
+    let plan = DemoPlan { tasks, episodes: args.episodes, single_arm, language, n_threads };
     let stopped = Arc::new(AtomicBool::new(false));
     let stop = Arc::clone(&stopped);
     let _watch = interrupt::watch(move || stop.store(true, Ordering::Relaxed))
         .context("failed to install signal handlers")?;
-    pool.install(|| plan.run(&args.output, args.quiet, &stopped)).or_user()
+    plan.run(&args.output, args.quiet, &stopped).or_user()
 }

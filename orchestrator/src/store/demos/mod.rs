@@ -3,12 +3,16 @@
 mod dataset;
 mod image;
 
+use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Instant;
 
+use anyhow::Context;
 use ipc_types::Morphology;
-use rayon::prelude::*;
+use policy_host::models::act::image::Resizer;
+use rayon::{ScopeFifo, ThreadPoolBuilder};
 use sim::TaskId;
 use sim::demo::{DemoError, Recording};
 use sim::perturb::Language;
@@ -24,8 +28,8 @@ use crate::console::output::{print_message, print_out};
 use crate::console::progress::Progress;
 use crate::console::table::{Align, TextTable};
 
-/// Episodes that are recorded at a time per thread.
-const EPISODES_PER_THREAD: u32 = 2;
+/// Episodes per thread that are being recorded or wait to be written.
+const EPISODES_PER_THREAD: usize = 3;
 /// A task is given up after this many tries per requested demonstration plus [`EXTRA_TRIES`].
 const MAX_TRIES_PER_DEMO: u32 = 10;
 const EXTRA_TRIES: u32 = 20;
@@ -39,6 +43,19 @@ pub(crate) struct DemoPlan {
     pub(crate) single_arm: DatasetSettings,
     /// Sentences of the tasks.
     pub(crate) language: Language,
+    pub(crate) n_threads: usize,
+}
+
+/// The episodes of one task that are being recorded.
+struct TaskQueue {
+    task: TaskId,
+    dataset_idx: usize,
+    /// Demonstrations in the dataset.
+    n_done: u32,
+    /// Index of the next episode to start.
+    next: u32,
+    /// Episodes in the order of their indices; those without success are `None`.
+    recording: VecDeque<Receiver<anyhow::Result<Option<DatasetEpisode>>>>,
 }
 
 /// The demonstrations of one task.
@@ -60,38 +77,34 @@ impl DemoPlan {
     /// # Errors
     /// If a dataset cannot be opened or written.
     pub(crate) fn run(&self, folder: &Path, quiet: bool, stopped: &AtomicBool) -> anyhow::Result<ExitStatus> {
+        let pool = ThreadPoolBuilder::new().num_threads(self.n_threads).build();
+        let pool = pool.context("failed to start threads")?;
         let started = Instant::now();
-        let mut datasets = Vec::new();
+        let (mut datasets, mut queues) = (Vec::new(), Vec::new());
         for morphology in Morphology::ALL {
-            let own: Vec<TaskId> =
-                self.tasks.iter().copied().filter(|task| task.task().morphology == morphology).collect();
-            if !own.is_empty() {
+            let own = self.tasks.iter().copied().filter(|task| task.task().morphology == morphology);
+            let mut own = own.peekable();
+            if own.peek().is_some() {
                 let dataset =
                     DatasetWriter::open(&folder.join(morphology.name()), self.settings_of(morphology))?;
-                datasets.push((dataset, own));
+                queues.extend(own.map(|task| TaskQueue::new(task, &dataset, datasets.len())));
+                datasets.push(dataset);
             }
         }
-        let done: u32 = datasets
-            .iter()
-            .flat_map(|(dataset, tasks)| {
-                tasks.iter().map(|task| dataset.progress(task.name()).0.min(self.episodes))
-            })
-            .sum();
+        let done: u32 = queues.iter().map(|queue| queue.n_done.min(self.episodes)).sum();
         let n = u64::from(self.episodes) * self.tasks.len() as u64;
-        let frames_before: u64 = datasets.iter().map(|(dataset, _)| dataset.n_frames()).sum();
+        let n_frames = |datasets: &[DatasetWriter]| datasets.iter().map(DatasetWriter::n_frames).sum::<u64>();
+        let frames_before = n_frames(&datasets);
         let mut progress = Progress::of_demonstrations(n, u64::from(done), quiet);
-        let mut yields = Vec::new();
-        for (dataset, tasks) in &mut datasets {
-            for &task in &*tasks {
-                if !stopped.load(Ordering::Relaxed) {
-                    self.demonstrate(task, dataset, &mut progress, stopped)?;
-                }
-            }
-            dataset.write_meta()?;
-            yields.extend(tasks.iter().map(|&task| TaskYield::new(task, dataset)));
-        }
+        pool.in_place_scope_fifo(|scope| {
+            self.record(scope, &mut datasets, &mut queues, &mut progress, stopped)
+                .inspect_err(|_| stopped.store(true, Ordering::Relaxed))
+        })?;
+        datasets.iter_mut().try_for_each(DatasetWriter::write_meta)?;
         progress.finish();
-        let frames: u64 = datasets.iter().map(|(dataset, _)| dataset.n_frames()).sum();
+        let yields: Vec<TaskYield> =
+            queues.iter().map(|queue| TaskYield::new(queue.task, &datasets[queue.dataset_idx])).collect();
+        let frames = n_frames(&datasets);
         let seconds = started.elapsed().as_secs_f64();
         print_out(&table(&yields))?;
         print_message(&format!(
@@ -107,41 +120,68 @@ impl DemoPlan {
         Ok(if short { ExitStatus::EpisodeErrors } else { ExitStatus::Success })
     }
 
-    /// Records episode after episode until there are enough successes of this task.
-    fn demonstrate(
-        &self,
-        task: TaskId,
-        dataset: &mut DatasetWriter,
+    /// Records the missing episodes of all tasks on the scope's threads and writes them in the order of
+    /// tasks and indices, whatever the number of threads. Episodes of later tasks are recorded meanwhile.
+    fn record<'scope>(
+        &'scope self,
+        scope: &ScopeFifo<'scope>,
+        datasets: &mut [DatasetWriter],
+        queues: &mut [TaskQueue],
         progress: &mut Progress,
-        stopped: &AtomicBool,
+        stopped: &'scope AtomicBool,
     ) -> anyhow::Result<()> {
-        let (mut n_done, mut next) = dataset.progress(task.name());
+        for current in 0..queues.len() {
+            loop {
+                self.refill(scope, &mut queues[current..], stopped);
+                let queue = &mut queues[current];
+                let Some(recorded) = queue.recording.pop_front() else { break };
+                // A thread that panics sends nothing; the scope passes its panic on.
+                let Ok(recorded) = recorded.recv() else { return Ok(()) };
+                if stopped.load(Ordering::Relaxed) {
+                    return Ok(());
+                }
+                if let Some(episode) = recorded? {
+                    datasets[queue.dataset_idx].push(episode)?;
+                    queue.n_done += 1;
+                    progress.tick();
+                }
+            }
+            let TaskQueue { task, n_done, next, dataset_idx, .. } = queues[current];
+            if n_done < self.episodes {
+                let (name, wanted) = (task.name(), self.episodes);
+                progress.log(&format!(
+                    "{name}: {n_done} of {wanted} demonstrations after {next} tries; giving up"
+                ));
+            }
+            datasets[dataset_idx].close_file()?;
+        }
+        Ok(())
+    }
+
+    /// Starts episodes until enough are being recorded or wait to be written.
+    fn refill<'scope>(
+        &'scope self,
+        scope: &ScopeFifo<'scope>,
+        queues: &mut [TaskQueue],
+        stopped: &'scope AtomicBool,
+    ) {
         let max_tries = self.episodes.saturating_mul(MAX_TRIES_PER_DEMO).saturating_add(EXTRA_TRIES);
-        while n_done < self.episodes && next < max_tries {
-            let n_together = EPISODES_PER_THREAD * rayon::current_num_threads() as u32;
-            let indices = next..(next + n_together).min(max_tries);
-            next = indices.end;
-            let recorded: Vec<Option<DatasetEpisode>> = indices
-                .into_par_iter()
-                .map(|index| self.episode(task, index, stopped))
-                .collect::<anyhow::Result<_>>()?;
-            if stopped.load(Ordering::Relaxed) {
-                return Ok(());
-            }
-            for episode in recorded.into_iter().flatten().take((self.episodes - n_done) as usize) {
-                dataset.push(episode)?;
-                n_done += 1;
-                progress.tick();
+        let mut free = (EPISODES_PER_THREAD * self.n_threads)
+            .saturating_sub(queues.iter().map(|queue| queue.recording.len()).sum());
+        for queue in queues {
+            while free > 0
+                && queue.n_done + (queue.recording.len() as u32) < self.episodes
+                && queue.next < max_tries
+            {
+                let (send, receive) = sync_channel(1);
+                let (task, index) = (queue.task, queue.next);
+                // Nobody receives it if writing has failed.
+                scope.spawn_fifo(move |_| drop(send.send(self.episode(task, index, stopped))));
+                queue.recording.push_back(receive);
+                queue.next += 1;
+                free -= 1;
             }
         }
-        if n_done < self.episodes {
-            let name = task.name();
-            progress.log(&format!(
-                "{name}: {n_done} of {} demonstrations after {next} tries; giving up",
-                self.episodes
-            ));
-        }
-        dataset.close_file()
     }
 
     /// Records and renders the expert's episode of this index. Returns `None` if it does not succeed.
@@ -151,26 +191,21 @@ impl DemoPlan {
         index: u32,
         stopped: &AtomicBool,
     ) -> anyhow::Result<Option<DatasetEpisode>> {
-        let DatasetSettings {
-            morphology,
-            control_mode,
-            perturbation,
-            strength,
-            profile,
-            seed,
-            images: format,
-            protocol,
-            ..
-        } = self.settings_of(task.task().morphology);
+        let settings = self.settings_of(task.task().morphology);
+        let DatasetSettings { morphology, perturbation, strength, profile, .. } = settings;
         let subject = EpisodeSpec { task, perturbation, strength, profile };
-        let seed = episode_seed(seed, task.name(), index);
-        let recording = match Recording::of_expert(subject, seed, control_mode) {
+        let seed = episode_seed(settings.seed, task.name(), index);
+        let recording = match Recording::of_expert(subject, seed, settings.control_mode) {
             Ok(recording) if recording.success_at_end() => recording,
             Ok(_) | Err(DemoError::Plan(_) | DemoError::NotFinite { .. }) => return Ok(None),
             Err(error @ DemoError::Mode { .. }) => return Err(error.into()),
         };
         let mut renderer = CpuRenderer::new(rayon::current_num_threads());
-        let view = RenderScene::new(recording.scene(), protocol.image_size);
+        let view = RenderScene::new(recording.scene(), settings.protocol.image_size);
+        let sizes = (0..morphology.camera_names().len())
+            .map(|idx| settings.protocol.image_size.of_camera(morphology, idx));
+        let resizers: Vec<Resizer> =
+            sizes.map(|size| Resizer::new(size, settings.stored_size(size))).collect();
         let mut images: Vec<CameraImages> =
             morphology.camera_names().iter().map(|_| CameraImages::default()).collect();
         for frame in 0..recording.n_frames() {
@@ -178,8 +213,12 @@ impl DemoPlan {
                 return Ok(None);
             }
             let drawn = renderer.render_cameras(&view, recording.snapshot(frame));
-            for (of_camera, (size, pixels)) in images.iter_mut().zip(drawn) {
-                of_camera.push(&pixels, format.encode(&pixels, size)?);
+            for ((of_camera, resizer), (size, mut pixels)) in images.iter_mut().zip(&resizers).zip(drawn) {
+                let stored = settings.stored_size(size);
+                if stored != size {
+                    pixels = resizer.resize(&pixels);
+                }
+                of_camera.push(&pixels, settings.images.encode(&pixels, stored)?);
             }
         }
         Ok(Some(DatasetEpisode {
@@ -191,6 +230,13 @@ impl DemoPlan {
             states: recording.states().to_vec(),
             images,
         }))
+    }
+}
+
+impl TaskQueue {
+    fn new(task: TaskId, dataset: &DatasetWriter, dataset_idx: usize) -> Self {
+        let (n_done, next) = dataset.progress(task.name());
+        Self { task, dataset_idx, n_done, next, recording: VecDeque::new() }
     }
 }
 

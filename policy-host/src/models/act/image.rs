@@ -148,7 +148,7 @@ impl Preprocessor {
 /// Bilinear resizer for images of one size, with half-pixel centres and, when downsampling, a filter widened
 /// by the scale factor, like PyTorch's `interpolate(mode="bilinear", antialias=True)`.
 #[derive(Clone, Debug)]
-struct Resizer {
+pub struct Resizer {
     from: ImageSize,
     vertical: Vec<FilterTaps>,
     horizontal: Vec<FilterTaps>,
@@ -163,8 +163,23 @@ struct FilterTaps {
 }
 
 impl Resizer {
-    fn new(from: ImageSize, to: ImageSize) -> Self {
+    /// Creates a resizer for images of one size.
+    pub fn new(from: ImageSize, to: ImageSize) -> Self {
         Self { from, vertical: taps(from.height, to.height), horizontal: taps(from.width, to.width) }
+    }
+
+    /// Resizes an image `[from height, from width, 3] u8` and rounds it to bytes, as policies do.
+    pub fn resize(&self, pixels: &[u8]) -> Vec<u8> {
+        let row_len = self.horizontal.len() * 3;
+        let mut rows = vec![0.0; self.from.height * row_len];
+        self.resize_horizontally(pixels, &mut rows);
+        let mut out = vec![0.0; row_len];
+        let mut bytes = Vec::with_capacity(self.vertical.len() * row_len);
+        for row in 0..self.vertical.len() {
+            self.resize_row(&rows, row, &mut out);
+            bytes.extend(out.iter().map(|x| (x + HALF_UP_OFFSET) as u8));
+        }
+        bytes
     }
 
     /// Computes `rows [source h, target w, 3]`: every source row at the target width.
@@ -213,8 +228,8 @@ mod tests {
 
     /// Resizes an image of `side` × `side` pixels and returns the unpadded result as bytes.
     fn resized(pixels: &[u8], side: usize, height: usize, width: usize) -> Vec<u8> {
-        let size = ImageSize { height: side, width: side };
-        let preprocessor = Preprocessor::new(ImageSize { height, width }, None, &[size]);
+        let [size, to] = [ImageSize { height: side, width: side }, ImageSize { height, width }];
+        let preprocessor = Preprocessor::new(to, None, &[size]);
         let mut scratch = ImageScratch::default();
         preprocessor.reserve(&mut scratch);
         let shape = preprocessor.shape();
@@ -227,7 +242,11 @@ mod tests {
             let start = shape.offset(0, row, 0);
             out[start..start + width * 3].iter().map(|x| (x * 255.0).round() as u8)
         });
-        inner.collect()
+        let bytes: Vec<u8> = inner.collect();
+        if to != size {
+            assert_eq!(bytes, Resizer::new(size, to).resize(pixels), "{height}×{width}");
+        }
+        bytes
     }
 
     #[test]

@@ -32,13 +32,13 @@ impl DatasetSettings {
         !self.is_lerobot()
     }
 
-    /// Returns the features of the cameras: name, and size of their images.
+    /// Returns the features of the cameras: name, and size of their stored images.
     pub(crate) fn cameras(&self) -> impl Iterator<Item = (String, ImageSize)> {
         let names = self.morphology.camera_names().iter().enumerate();
         names.map(|(idx, camera)| {
             let short = if self.is_lerobot() { None } else { camera.strip_suffix("_camera") };
             let name = format!("observation.images.{}", short.unwrap_or(camera));
-            (name, self.protocol.image_size.of_camera(self.morphology, idx))
+            (name, self.stored_size(self.protocol.image_size.of_camera(self.morphology, idx)))
         })
     }
 }

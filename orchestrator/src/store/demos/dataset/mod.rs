@@ -249,6 +249,7 @@ mod tests {
             profile: Profile::Strict,
             seed: 1,
             images: ImageFormat::Jpeg,
+            shrink: 1,
             protocol: Protocol::default(),
         };
         DatasetWriter::open(folder, settings).unwrap()

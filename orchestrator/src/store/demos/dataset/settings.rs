@@ -1,6 +1,6 @@
 //! The settings of a dataset, which `meta/hypogeum.json` stores.
 
-use ipc_types::{ControlMode, Morphology};
+use ipc_types::{ControlMode, ImageSize, Morphology};
 use run_config::Protocol;
 use serde::{Deserialize, Serialize};
 use sim::Profile;
@@ -23,7 +23,21 @@ pub(crate) struct DatasetSettings {
     /// Suite seed of the episodes.
     pub(crate) seed: u64,
     pub(crate) images: ImageFormat,
+    /// Factor by which images are downscaled.
+    #[serde(default = "no_shrink")]
+    pub(crate) shrink: usize,
     /// Protocol for which policies are trained.
     #[serde(default)]
     pub(crate) protocol: Protocol,
+}
+
+fn no_shrink() -> usize {
+    1
+}
+
+impl DatasetSettings {
+    /// Returns the size in which images of this size are stored.
+    pub(crate) fn stored_size(&self, size: ImageSize) -> ImageSize {
+        ImageSize { height: size.height / self.shrink, width: size.width / self.shrink }
+    }
 }
