@@ -179,6 +179,9 @@ fn show_writes_a_sheet() {
     let _ = run(dir.path(), &["show", "RaiseCube", "--episodes", "3", "-o", "x.png"]).expect_code(0);
     let (rows, _) = png_size(&path);
     assert_eq!([rows[0], rows[1] - 4], [row[0], (row[1] - 4) * 3]);
+    let _ = run(dir.path(), &["show", "RaiseCube", "--image-size", "640x480", "-o", "x.png"]).expect_code(0);
+    let (wide, _) = png_size(&path);
+    assert!(wide[0] > 3 * 640 && wide[1] > 480, "{wide:?}");
 }
 
 #[test]

@@ -40,7 +40,7 @@ impl FrameSequence {
     /// # Panics
     /// If `episodes` is empty.
     #[must_use]
-    pub fn initial_states(episodes: &[(EpisodeSpec, u64)], mode: ViewMode) -> Self {
+    pub fn initial_states(episodes: &[(EpisodeSpec, u64)], mode: ViewMode, images: ImageSizes) -> Self {
         assert!(!episodes.is_empty(), "a sequence needs at least one episode");
         let sampled: Vec<_> = episodes.iter().map(|(spec, seed)| spec.draw(*seed)).collect();
         let initial = |(scene_idx, scene)| SequenceFrame {
@@ -49,7 +49,7 @@ impl FrameSequence {
             step: 0,
         };
         let frames: Vec<SequenceFrame> = sampled.iter().enumerate().map(initial).collect();
-        let prepared = sampled.iter().map(|scene| RenderScene::new(scene, ImageSizes::BENCHMARK));
+        let prepared = sampled.iter().map(|scene| RenderScene::new(scene, images));
         let scenes: Vec<RenderScene> = prepared.collect();
         let renderer = FrameRenderer::new(mode, &sampled, &scenes, &frames);
         Self {
@@ -74,8 +74,9 @@ impl FrameSequence {
         episode_seed: u64,
         actor: Actor,
         mode: ViewMode,
+        images: ImageSizes,
     ) -> Result<Self, ShowError> {
-        Self::rollout(spec, episode_seed, actor, mode, RolloutEnd::FirstSuccess, |last| {
+        Self::rollout(spec, episode_seed, actor, mode, images, RolloutEnd::FirstSuccess, |last| {
             vec![0, last / 2, last]
         })
     }
@@ -89,8 +90,11 @@ impl FrameSequence {
         episode_seed: u64,
         actor: Actor,
         mode: ViewMode,
+        images: ImageSizes,
     ) -> Result<Self, ShowError> {
-        Self::rollout(spec, episode_seed, actor, mode, RolloutEnd::StepLimit, |last| (0..=last).collect())
+        Self::rollout(spec, episode_seed, actor, mode, images, RolloutEnd::StepLimit, |last| {
+            (0..=last).collect()
+        })
     }
 
     fn rollout(
@@ -98,6 +102,7 @@ impl FrameSequence {
         episode_seed: u64,
         actor: Actor,
         mode: ViewMode,
+        images: ImageSizes,
         end: RolloutEnd,
         select_steps: impl Fn(u32) -> Vec<u32>,
     ) -> Result<Self, ShowError> {
@@ -105,7 +110,7 @@ impl FrameSequence {
         let (snapshots, outcome) = spec.roll_out(&scene, actor, end)?;
         let frame = |step| SequenceFrame { scene_idx: 0, snapshot: snapshots[step as usize].clone(), step };
         let frames: Vec<SequenceFrame> = select_steps(outcome.n_steps).into_iter().map(frame).collect();
-        let scenes = vec![RenderScene::new(&scene, ImageSizes::BENCHMARK)];
+        let scenes = vec![RenderScene::new(&scene, images)];
         let renderer = FrameRenderer::new(mode, core::slice::from_ref(&scene), &scenes, &frames);
         Ok(Self {
             scenes,

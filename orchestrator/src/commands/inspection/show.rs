@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, ensure};
 use clap::Args;
+use ipc_types::ImageSizes;
 use run_config::{Profile, Samples, Strength};
 use sim::TaskId;
 use sim::perturb::Composition;
@@ -55,6 +56,9 @@ pub(crate) struct ShowArgs {
     /// Samples per pixel of rgb images
     #[arg(long, value_enum, default_value_t = Samples::One)]
     pub(crate) samples: Samples,
+    /// Size of the images in pixels: WxH, or WxH,wrist=WxH
+    #[arg(long, value_name = "WxH[,wrist=WxH]", default_value_t = ImageSizes::BENCHMARK)]
+    pub(crate) image_size: ImageSizes,
     /// Show only this camera, counted from 1 in the order of the columns; a sheet shows several per row.
     /// A sheet of several tasks shows the first external camera, or the second if it sees more objects
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=4))]
@@ -92,6 +96,7 @@ struct ShowPlan {
     episodes: Vec<(EpisodeSpec, u64)>,
     what: ViewMode,
     samples: Samples,
+    images: ImageSizes,
     /// The policy that acts; `None` to show the starts only.
     actor: Option<Actor>,
     /// The only camera shown, if not all are.
@@ -118,7 +123,7 @@ pub(crate) fn show(args: &ShowArgs) -> Result<ExitStatus, Failure> {
 
 impl ShowPlan {
     fn new(task: TaskId, args: &ShowArgs) -> anyhow::Result<Self> {
-        let &ShowArgs { strength, profile, what, samples, policy: actor, .. } = args;
+        let &ShowArgs { strength, profile, what, samples, image_size: images, policy: actor, .. } = args;
         let camera_idx = args.camera.map(|number| usize::from(number) - 1);
         let n_cameras = (task.task().nominal)(profile).cameras.len();
         ensure!(camera_idx.is_none_or(|idx| idx < n_cameras), "{} has {n_cameras} cameras", task.name());
@@ -141,7 +146,7 @@ impl ShowPlan {
                 episodes.push((subject, episode_seed(args.seed, task.name(), idx)));
             }
         }
-        Ok(Self { episodes, what, samples, actor, camera_idx, titles })
+        Ok(Self { episodes, what, samples, images, actor, camera_idx, titles })
     }
 
     /// Applies the number of samples and the choice of camera.
@@ -168,11 +173,11 @@ fn perturbations(task: TaskId, selector: PerturbationSelector) -> Result<Vec<Com
 
 /// Writes one PNG: a row of camera images for the start of each episode, or for three moments of one.
 fn write_sheet(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
-    let &ShowPlan { ref episodes, what, actor, .. } = plan;
+    let &ShowPlan { ref episodes, what, images, actor, .. } = plan;
     let (subject, seed) = episodes[0];
     let frames = match actor {
-        None => FrameSequence::initial_states(episodes, what).with_titles(plan.titles.clone()),
-        Some(actor) => FrameSequence::highlights(subject, seed, actor, what)?,
+        None => FrameSequence::initial_states(episodes, what, images).with_titles(plan.titles.clone()),
+        Some(actor) => FrameSequence::highlights(subject, seed, actor, what, images)?,
     };
     let mut frames = plan.prepared(frames);
     frames.render_sheet().write_png(path)?;
@@ -189,7 +194,7 @@ fn write_sheet(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
 /// Writes one PNG with the image of an external camera at the start of an episode of each selected task, or
 /// at three moments.
 fn write_gallery(args: &ShowArgs) -> anyhow::Result<ExitStatus> {
-    let &ShowArgs { strength, profile, what, samples, policy: actor, .. } = args;
+    let &ShowArgs { strength, profile, what, samples, image_size: images, policy: actor, .. } = args;
     if args.camera.is_some() || args.movie.is_some() || args.episodes > 1 || what != ViewMode::Rgb {
         let message = "a sheet of several tasks shows rgb images of one episode of each: omit --camera, --movie, \
                        --episodes and --what, or name one task";
@@ -204,8 +209,8 @@ fn write_gallery(args: &ShowArgs) -> anyhow::Result<ExitStatus> {
         let seed = episode_seed(args.seed, task.name(), args.episode);
         let episode = EpisodeSpec { task, perturbation, profile, strength };
         let frames = match actor {
-            None => FrameSequence::initial_states(&[(episode, seed)], what),
-            Some(actor) => FrameSequence::highlights(episode, seed, actor, what)?,
+            None => FrameSequence::initial_states(&[(episode, seed)], what, images),
+            Some(actor) => FrameSequence::highlights(episode, seed, actor, what, images)?,
         };
         panels.push(frames.with_samples(samples).with_clearest_camera().render_strip());
     }
@@ -222,7 +227,7 @@ fn write_movie(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
     let (subject, seed) = plan.episodes[0];
     let format = MovieFormat::from_path(path)?;
     let actor = plan.actor.unwrap_or(Actor::Expert);
-    let mut frames = plan.prepared(FrameSequence::episode(subject, seed, actor, plan.what)?);
+    let mut frames = plan.prepared(FrameSequence::episode(subject, seed, actor, plan.what, plan.images)?);
     match movie::write(path, format, frames.n_frames(), 1, |frame_idx| frames.render_frame(frame_idx))? {
         ExitStatus::Success => print_legend(frames.legend(), path),
         other => Ok(other),
