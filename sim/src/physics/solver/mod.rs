@@ -44,9 +44,8 @@ impl RowSide {
 
 /// A direction in which two things push each other.
 pub(crate) struct ConstraintRow {
-    /// Those that can move come first.
+    /// The ground's part is zero, so that both are computed alike.
     sides: [RowSide; 2],
-    n_moving: usize,
     /// Impulse that changes the relative velocity by 1; 0 if neither side can move.
     mass: f32,
     /// Impulse of the current substep.
@@ -55,25 +54,19 @@ pub(crate) struct ConstraintRow {
 
 impl ConstraintRow {
     pub(crate) fn new(sides: [RowSide; 2], impulse: f32) -> Self {
-        let [a, b] = sides;
-        let sides = if a.thing == GROUND { [b, a] } else { [a, b] };
-        let n_moving = sides.iter().filter(|side| side.thing != GROUND).count();
-        let compliance: f32 = sides[..n_moving].iter().map(|side| dot(&side.jacobian, &side.response)).sum();
-        Self { sides, n_moving, mass: if compliance > 0.0 { compliance.recip() } else { 0.0 }, impulse }
-    }
-
-    /// Returns the sides that can move.
-    fn moving(&self) -> &[RowSide] {
-        &self.sides[..self.n_moving]
+        let [a, b] = &sides;
+        let compliance = dot(&a.jacobian, &a.response) + dot(&b.jacobian, &b.response);
+        Self { sides, mass: if compliance > 0.0 { compliance.recip() } else { 0.0 }, impulse }
     }
 
     /// Returns the relative velocity along the row.
     fn velocity(&self, velocities: &[Coordinates]) -> f32 {
-        self.moving().iter().map(|side| dot(&side.jacobian, &velocities[side.thing])).sum()
+        let [a, b] = &self.sides;
+        dot(&a.jacobian, &velocities[a.thing]) + dot(&b.jacobian, &velocities[b.thing])
     }
 
     fn push(&self, velocities: &mut [Coordinates], impulse: f32) {
-        for side in self.moving() {
+        for side in &self.sides {
             for (v, response) in velocities[side.thing].iter_mut().zip(&side.response) {
                 *v += response * impulse;
             }
