@@ -2,7 +2,7 @@
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Vector3};
-use rapier3d::geometry::{BroadPhaseBvh, BvhOptimizationStrategy};
+use rapier3d::geometry::{BroadPhaseBvh, BvhOptimizationStrategy, NarrowPhase};
 use rapier3d::parry::query::{DefaultQueryDispatcher, QueryDispatcher};
 use rapier3d::pipeline::PhysicsWorld;
 
@@ -48,9 +48,12 @@ impl World {
     #[must_use]
     pub fn with_parameters(scene: &Scene, mode: ControlMode, parameters: &Parameters) -> Self {
         assert!(parameters.substeps > 0, "a physics step has at least one substep");
-        let mut rapier = PhysicsWorld::default();
-        rapier.broad_phase = BroadPhaseBvh::with_optimization_strategy(BvhOptimizationStrategy::None);
-        rapier.narrow_phase.set_query_dispatcher(SeparatedBoxes.chain(DefaultQueryDispatcher));
+        let mut rapier = PhysicsWorld {
+            // A tree of a few dozen boxes is not worth rebuilding.
+            broad_phase: BroadPhaseBvh::with_optimization_strategy(BvhOptimizationStrategy::None),
+            narrow_phase: NarrowPhase::with_query_dispatcher(SeparatedBoxes.chain(DefaultQueryDispatcher)),
+            ..PhysicsWorld::default()
+        };
         bodies::add_ground(&mut rapier, scene.table.kind);
         let things = scene.bodies.iter().enumerate();
         let bodies: Vec<PhysicsBody> =
