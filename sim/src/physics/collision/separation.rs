@@ -1,4 +1,4 @@
-//! Pairs of shapes whose boxes are apart, found before anything else is computed for them.
+//! Rejection of pairs of shapes whose bounding boxes are apart, before their contacts are computed.
 //!
 //! rapier's broad phase reports pairs whose boxes are several centimetres apart, and its narrow phase looks
 //! for the contacts of all of them. A hand at a pot that consists of dozens of hulls has hundreds of such
@@ -12,8 +12,8 @@ use rapier3d::parry::query::{
     QueryDispatcher, ShapeCastHit, ShapeCastOptions, ShapeDistance, ShapeIntersection, Unsupported,
 };
 
-/// A dispatcher that finds the contacts of pairs whose boxes are apart: none. It leaves every other question
-/// to the next dispatcher of its chain.
+/// A dispatcher that reports no contacts for pairs whose boxes are apart, and leaves every other query to the
+/// next dispatcher of its chain.
 pub(crate) struct SeparatedBoxes;
 
 impl PersistentQueryDispatcher<ContactManifoldData, ContactData> for SeparatedBoxes {
@@ -47,8 +47,8 @@ impl PersistentQueryDispatcher<ContactManifoldData, ContactData> for SeparatedBo
     }
 }
 
-/// Returns `true` if one of the six planes of the shapes' own boxes shows that they are farther apart than
-/// `distance`. `pose` is that of the second shape in the frame of the first.
+/// Returns `true` if an axis of either shape's own bounding box separates them by more than `distance`.
+/// `pose` is that of the second shape in the frame of the first.
 fn are_separated(pose: &Pose, shapes: [&dyn Shape; 2], distance: Real) -> bool {
     let [a, b] = shapes.map(Shape::compute_local_aabb);
     let axes = Matrix::from_quat(pose.rotation);

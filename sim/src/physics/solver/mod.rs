@@ -44,7 +44,7 @@ impl RowSide {
 
 /// A direction in which two things push each other.
 pub(crate) struct ConstraintRow {
-    /// The ground's part is zero, so that both are computed alike.
+    /// The ground has zero Jacobian and response, so both sides are computed without a branch.
     sides: [RowSide; 2],
     /// Impulse that changes the relative velocity by 1; 0 if neither side can move.
     mass: f32,
