@@ -74,6 +74,12 @@ class Demonstrations:
             sys.exit(f"{root} has no episodes of {', '.join(sorted(set(self.tasks) - known))}")
         features = json.loads((root / "meta/info.json").read_text())["features"]
         cameras = cameras or [name for name in features if name.startswith(IMAGES)]
+        missing = [name for name in (*cameras, *vectors) if name not in features]
+        if missing:
+            sys.exit(
+                f"{root} has no {', '.join(missing)}, but {', '.join(features)}; "
+                "record it with `hypogeum demos` and without --protocol lerobot"
+            )
         self.cameras = {name: [3, *size_of(*features[name]["shape"][:2])] for name in cameras}
 
         # A data file has one row group per episode.

@@ -21,9 +21,9 @@ LIMIT_S = 300
 N_EPISODES = 2
 
 
-def record(folder, *options):
-    command = [HYPOGEUM, "demos", "-o", folder, "--tasks", "RaiseCube,OpenDrawer", "--episodes", str(N_EPISODES)]
-    subprocess.run([*command, "--images", "png", *options], check=True, timeout=LIMIT_S)
+def record(folder, *options, tasks="RaiseCube,OpenDrawer", episodes=N_EPISODES):
+    command = [HYPOGEUM, "demos", "-o", folder, "--tasks", tasks, "--episodes", str(episodes), "--images", "png"]
+    subprocess.run([*command, *options], check=True, timeout=LIMIT_S)
     return folder / "single"
 
 
@@ -88,6 +88,13 @@ def test_stride_keeps_actions_dense(root, tmp_path):
     assert torch.equal(strided.images[hand], dense.images[hand][strided.observed])
     strided.place("cpu")
     assert torch.equal(strided.gather([3, 1])[hand], dense.gather(strided.observed[[3, 1]])[hand])
+
+
+@needs_binary
+def test_dataset_of_another_protocol_is_refused(tmp_path):
+    root = record(tmp_path / "demos", "--protocol", "lerobot", tasks="OpenDrawer", episodes=1)
+    with pytest.raises(SystemExit, match="has no observation.environment_state.*without --protocol lerobot"):
+        read(root, tmp_path / "cache")
 
 
 def test_prefetched_batches_keep_their_order():
