@@ -5,11 +5,14 @@ import importlib
 # Module of each name, imported when the name is first used: `hypogeum.requirements` must work without numpy.
 _MODULES = {
     "AnswerError": "chunk",
+    "HypogeumEnv": "envs",
+    "HypogeumVectorEnv": "envs",
     "EnvObservation": "observation",
     "FrameError": "observation",
     "Observation": "observation",
     "Statistics": "host",
     "TemporalEnsemble": "ensemble",
+    "make_vec": "envs",
     "serve": "host",
 }
 __all__ = list(_MODULES)

@@ -5,6 +5,7 @@
 #[path = "../../tests/counting.rs"]
 mod counting;
 pub mod demo;
+pub mod episode;
 pub mod expert;
 pub mod perturb;
 pub mod physics;
@@ -15,6 +16,7 @@ pub mod show;
 pub mod task;
 pub mod tasks;
 pub mod trajectory;
+pub mod vector;
 
 pub use perturb::Perturbation;
 pub use render;

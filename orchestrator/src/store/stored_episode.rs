@@ -2,7 +2,7 @@
 //! actions.
 
 use ipc_types::{ControlMode, ImageSizes};
-use sim::show::EpisodeSpec;
+use sim::episode::EpisodeSpec;
 
 /// A stored episode.
 #[derive(Clone, Debug)]

@@ -187,6 +187,8 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Language instruction given to the policy.
     pub instruction: String,
+    /// Sampled dimensions of the bodies, in the order and unit of the task's definition.
+    pub sizes: Vec<f64>,
 }
 
 impl Scene {

@@ -6,14 +6,14 @@
 mod action_conversion;
 
 use ipc_types::layout::MAX_ACTION_DIM;
-use ipc_types::{ControlMode, Morphology};
+use ipc_types::ControlMode;
 use thiserror::Error;
 
+use crate::episode::{DivergedError, Episode, EpisodeSpec};
 use crate::expert::{self, Expert, MotionPlanError};
-use crate::physics::fingerprint::Fingerprint;
-use crate::physics::{Parameters, World};
-use crate::predicate::{Predicate, first_unmet};
-use crate::show::{EpisodeSpec, EpisodeStatus, snapshot};
+use crate::physics::Parameters;
+use crate::show::EpisodeStatus;
+use crate::tasks::TaskId;
 use crate::trajectory::Start;
 use scene::{Scene, Snapshot};
 
@@ -24,11 +24,8 @@ pub enum DemoError {
     #[error("the expert found no plan")]
     Plan(#[from] MotionPlanError),
     /// The simulation diverged.
-    #[error("the physics state is not finite after step {step}")]
-    NotFinite {
-        /// Number of control steps taken.
-        step: u32,
-    },
+    #[error(transparent)]
+    Diverged(#[from] DivergedError),
     /// Expert plans cannot be converted to this control mode.
     #[error("demonstrations are recorded in pd_joint_pos or, with one arm, pd_ee_delta_pose, not in {mode}")]
     Mode {
@@ -65,20 +62,20 @@ impl Recording {
         let mut expert = Expert::new(&scene, &(task.expert)(&scene))?;
         let convert = action_conversion::converter(mode, task.morphology)
             .ok_or(DemoError::Mode { mode: mode.name() })?;
-        let mut recorder = EpisodeRecorder::new(spec, scene, mode);
+        let mut recorder = EpisodeRecorder::start(spec, scene, mode);
         let mut planned = [0.0; MAX_ACTION_DIM];
         let planned = &mut planned[..expert::CONTROL_MODE.action_dim(task.morphology)];
         for _ in 0..expert.n_steps() {
-            expert.act(&recorder.world, planned);
+            expert.act(&recorder.episode.world, planned);
             let mut reaches_target = true;
             for _ in 0..action_conversion::MAX_REPEATS {
-                if recorder.n_steps() == task.max_steps {
+                if recorder.episode.steps() == task.max_steps {
                     return Ok(recorder.finish());
                 }
                 let mut row = [0.0; MAX_ACTION_DIM];
                 let row = &mut row[..mode.action_dim(task.morphology)];
                 // Like the original, repeats a row that was clamped even if the next action is not.
-                reaches_target &= convert(planned, &recorder.world, row);
+                reaches_target &= convert(planned, &recorder.episode.world, row);
                 recorder.step(row)?;
                 if reaches_target {
                     break;
@@ -101,7 +98,7 @@ impl Recording {
         mode: ControlMode,
         actions: &[f32],
     ) -> Result<Self, DemoError> {
-        let mut recorder = EpisodeRecorder::new(spec, spec.draw(episode_seed), mode);
+        let mut recorder = EpisodeRecorder::start(spec, spec.draw(episode_seed), mode);
         recorder.execute(actions)?;
         Ok(recorder.finish())
     }
@@ -116,8 +113,8 @@ impl Recording {
     pub fn from_start(start: &Start, actions: &[f32]) -> Result<Self, DemoError> {
         let world = start.world(&Parameters::default());
         let success = (start.task.task().success)(&start.scene, start.profile);
-        let state_dim = start.task.task().morphology.state_dim();
-        let mut recorder = EpisodeRecorder::at(start.scene.clone(), world, success, state_dim, start.mode);
+        let episode = Episode::new(world, success);
+        let mut recorder = EpisodeRecorder::new(start.task, start.scene.clone(), start.mode, episode);
         recorder.execute(actions)?;
         Ok(recorder.finish())
     }
@@ -185,79 +182,59 @@ impl Recording {
 /// Steps an episode and records its frames.
 struct EpisodeRecorder {
     recording: Recording,
-    world: World,
-    success: Vec<Predicate>,
-    fingerprint: Fingerprint,
+    episode: Episode,
+    action_dim: usize,
 }
 
 impl EpisodeRecorder {
-    fn new(spec: EpisodeSpec, scene: Scene, mode: ControlMode) -> Self {
-        let task = spec.task.task();
-        let world = World::build(&scene, mode);
-        let success = (task.success)(&scene, spec.profile);
-        Self::at(scene, world, success, task.morphology.state_dim(), mode)
+    fn start(spec: EpisodeSpec, scene: Scene, mode: ControlMode) -> Self {
+        let episode = spec.start(&scene, mode);
+        Self::new(spec.task, scene, mode, episode)
     }
 
-    fn at(scene: Scene, world: World, success: Vec<Predicate>, state_dim: usize, mode: ControlMode) -> Self {
-        let mut fingerprint = Fingerprint::default();
-        world.hash_state(&mut fingerprint);
+    fn new(task: TaskId, scene: Scene, mode: ControlMode, episode: Episode) -> Self {
+        let morphology = task.task().morphology;
         Self {
-            success,
             recording: Recording {
                 scene,
                 mode,
                 actions: Vec::new(),
                 states: Vec::new(),
                 snapshots: Vec::new(),
-                state_dim,
+                state_dim: morphology.state_dim(),
                 first_success: None,
                 success_at_end: false,
                 fingerprint: 0,
             },
-            world,
-            fingerprint,
+            episode,
+            action_dim: mode.action_dim(morphology),
         }
-    }
-
-    fn n_steps(&self) -> u32 {
-        self.recording.snapshots.len() as u32
     }
 
     fn execute(&mut self, actions: &[f32]) -> Result<(), DemoError> {
-        let n_arms = self.recording.scene.robots.len();
-        let morphology = if n_arms == 1 { Morphology::Single } else { Morphology::Bimanual };
-        let action_dim = self.recording.mode.action_dim(morphology);
-        assert!(
-            actions.len().is_multiple_of(action_dim),
-            "{} values are not rows of {action_dim}",
-            actions.len()
-        );
-        actions.chunks_exact(action_dim).try_for_each(|row| self.step(row))
+        let n = self.action_dim;
+        assert!(actions.len().is_multiple_of(n), "{} values are not rows of {n}", actions.len());
+        actions.chunks_exact(n).try_for_each(|row| self.step(row))
     }
 
     fn step(&mut self, row: &[f32]) -> Result<(), DemoError> {
-        let Self { recording, world, fingerprint, success } = self;
-        recording.snapshots.push(snapshot(&recording.scene, world));
+        let Self { recording, episode, .. } = self;
+        recording.snapshots.push(episode.world.snapshot());
         let first = recording.states.len();
         recording.states.resize(first + recording.state_dim, 0.0);
-        world.write_state(&mut recording.states[first..]);
+        episode.world.write_state(&mut recording.states[first..]);
         recording.actions.extend_from_slice(row);
-        world.step(row);
-        fingerprint.write(row);
-        world.hash_state(fingerprint);
-        let step = recording.snapshots.len() as u32;
-        if !world.is_finite() {
-            return Err(DemoError::NotFinite { step });
-        }
-        if recording.first_success.is_none() && first_unmet(success, world).is_none() {
-            recording.first_success = Some(step);
-        }
-        Ok(())
+        Ok(episode.step(row)?)
     }
 
-    fn finish(mut self) -> Recording {
-        let success_at_end = first_unmet(&self.success, &self.world).is_none();
-        self.recording.snapshots.push(snapshot(&self.recording.scene, &self.world));
-        Recording { success_at_end, fingerprint: self.fingerprint.finish(), ..self.recording }
+    fn finish(self) -> Recording {
+        let Self { mut recording, episode, .. } = self;
+        recording.snapshots.push(episode.world.snapshot());
+        Recording {
+            first_success: episode.first_success_step(),
+            success_at_end: episode.unmet().is_none(),
+            fingerprint: episode.fingerprint(),
+            ..recording
+        }
     }
 }

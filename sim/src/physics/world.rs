@@ -275,6 +275,14 @@ impl World {
         }
     }
 
+    /// Returns the current poses of all bodies and links.
+    #[must_use]
+    pub fn snapshot(&self) -> Snapshot {
+        let mut snapshot = Snapshot::identity(self.n_bodies(), self.n_arms());
+        self.write_snapshot(&mut snapshot);
+        snapshot
+    }
+
     /// Copies all poses into a snapshot of this scene, without allocating.
     ///
     /// # Panics

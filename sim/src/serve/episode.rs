@@ -10,11 +10,9 @@ use thiserror::Error;
 use super::chunk::ChunkBuffer;
 use super::lane::InvalidAnswerError;
 use super::protocol::{Assignment, Driver, EpisodeLedger, Lane, Outcome};
+use crate::episode::{DivergedError, Episode, EpisodeSpec};
 use crate::expert::{self, Expert, write_hold_action};
 use crate::perturb::Language;
-use crate::physics::World;
-use crate::physics::fingerprint::Fingerprint;
-use crate::predicate::{Predicate, first_unmet};
 use crate::task::Task;
 use render::RenderScene;
 use scene::stream;
@@ -53,8 +51,8 @@ pub(crate) enum Status {
 /// Errors that end an episode before its last step. They are reported apart from task failures.
 #[derive(Debug, Error)]
 pub(crate) enum EpisodeError {
-    #[error("the physics state is not finite after step {step}")]
-    NonFiniteState { step: u32 },
+    #[error(transparent)]
+    Diverged(#[from] DivergedError),
     #[error("the policy host could not answer; see its log")]
     HostFailed,
     #[error("the policy sent an invalid action")]
@@ -68,19 +66,13 @@ pub(crate) struct RunningEpisode {
     end: EpisodeEnd,
     action_dim: usize,
     instruction: String,
-    world: World,
+    episode: Episode,
     action_source: ActionSource,
-    success: Vec<Predicate>,
     /// The scene prepared for rendering; `None` if the policy uses no images.
     pub(crate) view: Option<RenderScene>,
     pub(crate) snapshot: Snapshot,
-    steps: u32,
     queries: u32,
     queried_at: Option<Instant>,
-    first_success_step: Option<u32>,
-    /// First predicate that does not hold in the current state.
-    unmet: Option<Predicate>,
-    fingerprint: Fingerprint,
     /// Bit patterns of the executed rows, if they are recorded.
     actions: Option<Vec<u32>>,
     ledger: EpisodeLedger,
@@ -95,12 +87,12 @@ impl RunningEpisode {
         let created = Instant::now();
         let task = assignment.task.task();
         let options = &run.results;
-        let mut spec = assignment.perturbation.spec(task, options.profile, options.strength);
-        language.apply(task, options.profile, &mut spec);
-        let scene = spec.draw(assignment.seed);
+        let Assignment { task: id, perturbation, .. } = assignment;
+        let (strength, profile) = (options.strength, options.profile);
+        let spec = EpisodeSpec { task: id, perturbation, strength, profile };
+        let scene = spec.draw_with(language, assignment.seed);
         let mode = control_mode(options, task.morphology, assignment.driver);
         let action_dim = mode.action_dim(task.morphology);
-        let world = World::build(&scene, mode);
         let (action_source, images) = match assignment.driver {
             Driver::Lane(lane) => {
                 let Lane { execute, images, .. } = lanes[lane as usize];
@@ -109,26 +101,18 @@ impl RunningEpisode {
             }
             Driver::Expert => (ActionSource::Expert(plan(&assignment, &scene)), None),
         };
-        let success = (task.success)(&scene, options.profile);
-        let mut fingerprint = Fingerprint::default();
-        world.hash_state(&mut fingerprint);
         Self {
             assignment,
             task,
             end: options.protocol.end,
             action_dim,
             action_source,
-            unmet: first_unmet(&success, &world),
-            success,
+            episode: spec.start(&scene, mode),
             view: images.map(|sizes| RenderScene::new(&scene, sizes)),
             snapshot: Snapshot::identity(scene.bodies.len(), scene.robots.len()),
             instruction: scene.instruction,
-            world,
-            steps: 0,
             queries: 0,
             queried_at: None,
-            first_success_step: None,
-            fingerprint,
             actions: run
                 .resources
                 .keep_actions
@@ -144,8 +128,8 @@ impl RunningEpisode {
     }
 
     pub(crate) fn status(&self) -> Status {
-        let is_won = self.end == EpisodeEnd::Success && self.first_success_step.is_some();
-        let is_over = is_won || self.steps >= self.task.max_steps || self.error.is_some();
+        let is_won = self.end == EpisodeEnd::Success && self.episode.first_success_step().is_some();
+        let is_over = is_won || self.episode.steps() >= self.task.max_steps || self.error.is_some();
         match &self.action_source {
             // The env is free once the answer in flight has been received.
             _ if is_over => {
@@ -165,21 +149,21 @@ impl RunningEpisode {
     /// Executes up to `max_rows` of the available action rows. Returns the number of control steps executed.
     pub(crate) fn advance(&mut self, max_rows: u32) -> u32 {
         let start = Instant::now();
-        let before = self.steps;
+        let before = self.episode.steps();
         let mut row = [0.0_f32; MAX_ACTION_DIM];
         let row = &mut row[..self.action_dim];
-        while self.steps - before < max_rows && self.status() == Status::Acting {
+        while self.episode.steps() - before < max_rows && self.status() == Status::Acting {
             self.next_row(row);
             self.step(row);
             self.skip_useless_query();
         }
         self.ledger.physics_s += start.elapsed().as_secs_f64();
-        self.steps - before
+        self.episode.steps() - before
     }
 
     /// Goes on to the end without a query whose answer would come too late.
     fn skip_useless_query(&mut self) {
-        let steps_left = self.task.max_steps.saturating_sub(self.steps);
+        let steps_left = self.task.max_steps.saturating_sub(self.episode.steps());
         if self.status() == Status::Ready
             && let ActionSource::Chunk(chunk) = &mut self.action_source
             && !chunk.is_query_useful(steps_left)
@@ -190,33 +174,24 @@ impl RunningEpisode {
 
     fn next_row(&mut self, row: &mut [f32]) {
         match &mut self.action_source {
-            ActionSource::Chunk(chunk) => chunk.next_row(&self.world, row),
-            ActionSource::Expert(Some(expert)) => expert.act(&self.world, row),
-            ActionSource::Expert(None) => write_hold_action(&self.world, row),
+            ActionSource::Chunk(chunk) => chunk.next_row(&self.episode.world, row),
+            ActionSource::Expert(Some(expert)) => expert.act(&self.episode.world, row),
+            ActionSource::Expert(None) => write_hold_action(&self.episode.world, row),
         }
     }
 
     fn step(&mut self, row: &[f32]) {
-        self.world.step(row);
-        self.steps += 1;
-        self.fingerprint.write(row);
         if let Some(actions) = &mut self.actions {
             actions.extend(row.iter().map(|number| number.to_bits()));
         }
-        self.world.hash_state(&mut self.fingerprint);
-        if !self.world.is_finite() {
-            self.error = Some(EpisodeError::NonFiniteState { step: self.steps });
-            return;
-        }
-        self.unmet = first_unmet(&self.success, &self.world);
-        if self.unmet.is_none() {
-            self.first_success_step.get_or_insert(self.steps);
+        if let Err(error) = self.episode.step(row) {
+            self.error = Some(error.into());
         }
     }
 
     /// Copies the current poses into the snapshot for the renderer.
     pub(crate) fn take_snapshot(&mut self) {
-        self.world.write_snapshot(&mut self.snapshot);
+        self.episode.world.write_snapshot(&mut self.snapshot);
     }
 
     /// Writes the record of the next query in place. Every byte of its page is written.
@@ -224,7 +199,7 @@ impl RunningEpisode {
         let (state_dim, text) = (self.task.morphology.state_dim(), self.instruction.as_bytes());
         record.slot = slot;
         record.query = self.queries;
-        record.step = self.steps;
+        record.step = self.episode.steps();
         record.state_dim = state_dim as u32;
         record.instruction_len = text.len() as u32;
         record.execute = match &self.action_source {
@@ -233,7 +208,7 @@ impl RunningEpisode {
         };
         record.policy_seed = stream::policy_seed(self.assignment.seed);
         record.reserved = [0; 4];
-        self.world.write_state(&mut record.state[..state_dim]);
+        self.episode.world.write_state(&mut record.state[..state_dim]);
         record.state[state_dim..].fill(0.0);
         record.instruction[..text.len()].copy_from_slice(text);
         record.instruction[text.len()..].fill(0);
@@ -288,12 +263,12 @@ impl RunningEpisode {
             (self.created.elapsed().as_secs_f64() - physics_s - render_s - policy_s).max(0.0);
         Outcome {
             id: self.assignment.id,
-            steps: self.steps,
-            success_once: self.first_success_step.is_some(),
-            success_at_end: self.unmet.is_none() && self.error.is_none(),
-            first_success_step: self.first_success_step,
-            failed_predicate: self.unmet.map(|predicate| predicate.name().to_owned()),
-            fingerprint: self.fingerprint.finish(),
+            steps: self.episode.steps(),
+            success_once: self.episode.first_success_step().is_some(),
+            success_at_end: self.episode.unmet().is_none() && self.error.is_none(),
+            first_success_step: self.episode.first_success_step(),
+            failed_predicate: self.episode.unmet().map(|predicate| predicate.name().to_owned()),
+            fingerprint: self.episode.fingerprint(),
             actions: self.actions.take(),
             ledger: self.ledger,
             error: self.error.take().map(|error| error_chain(&error)),

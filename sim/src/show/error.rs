@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+use crate::episode::DivergedError;
 use crate::expert::MotionPlanError;
 
 /// Errors that can occur while rolling out an episode to show.
@@ -11,9 +12,6 @@ pub enum ShowError {
     #[error("the expert found no plan")]
     Plan(#[from] MotionPlanError),
     /// The simulation diverged.
-    #[error("the physics state is not finite after step {step}")]
-    NotFinite {
-        /// Number of control steps taken.
-        step: u32,
-    },
+    #[error(transparent)]
+    Diverged(#[from] DivergedError),
 }

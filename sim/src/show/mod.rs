@@ -17,8 +17,7 @@ mod sequence;
 mod status;
 
 pub use depth::DepthRange;
-pub(crate) use episode::snapshot;
-pub use episode::{Actor, EpisodeSpec};
+pub use episode::Actor;
 pub use error::ShowError;
 pub use frame_renderer::{Legend, ViewMode};
 pub use scale::{SCALES, scaled};

@@ -3,10 +3,11 @@
 use ipc_types::{ControlMode, ImageSize, ImageSizes};
 
 use super::contact_sheet::{self, Panel, RgbImage};
-use super::episode::{Actor, EpisodeSpec, RolloutEnd, snapshot};
+use super::episode::{Actor, RolloutEnd, roll_out};
 use super::error::ShowError;
 use super::frame_renderer::{FrameRenderer, Legend, SequenceFrame, ViewMode};
 use super::status::EpisodeStatus;
+use crate::episode::EpisodeSpec;
 use crate::physics::World;
 use render::{RenderScene, Samples};
 
@@ -45,7 +46,7 @@ impl FrameSequence {
         let sampled: Vec<_> = episodes.iter().map(|(spec, seed)| spec.draw(*seed)).collect();
         let initial = |(scene_idx, scene)| SequenceFrame {
             scene_idx,
-            snapshot: snapshot(scene, &World::build(scene, ControlMode::JointPos)),
+            snapshot: World::build(scene, ControlMode::JointPos).snapshot(),
             step: 0,
         };
         let frames: Vec<SequenceFrame> = sampled.iter().enumerate().map(initial).collect();
@@ -107,7 +108,7 @@ impl FrameSequence {
         select_steps: impl Fn(u32) -> Vec<u32>,
     ) -> Result<Self, ShowError> {
         let scene = spec.draw(episode_seed);
-        let (snapshots, outcome) = spec.roll_out(&scene, actor, end)?;
+        let (snapshots, outcome) = roll_out(spec, &scene, actor, end)?;
         let frame = |step| SequenceFrame { scene_idx: 0, snapshot: snapshots[step as usize].clone(), step };
         let frames: Vec<SequenceFrame> = select_steps(outcome.n_steps).into_iter().map(frame).collect();
         let scenes = vec![RenderScene::new(&scene, images)];

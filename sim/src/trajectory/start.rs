@@ -1,5 +1,6 @@
 //! Start states: a trajectory file resolved against the task it names.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use ipc_types::ControlMode;
@@ -61,31 +62,15 @@ impl Start {
         let mut scene = scene_of_size(task, file.profile, &file.sizes)
             .map_err(|expected| error("sizes", &expected, format!("{:?}", file.sizes)))?;
 
-        let n_arms = scene.robots.len();
-        if file.arms.len() != n_arms {
-            return Err(error("arms", &format!("{n_arms}"), file.arms.len().to_string()));
-        }
-        let arms: Vec<ArmState> = file.arms.iter().map(ArmFile::state).collect();
-        for (i, (arm, robot)) in file.arms.iter().zip(&mut scene.robots).enumerate() {
-            arm.check()
-                .map_err(|(key, expected, found)| error(&format!("arms[{i}].{key}"), &expected, found))?;
+        let names: Vec<&str> = scene.bodies.iter().map(|body| body.name).collect();
+        let state = file.world_state(path, scene.robots.len(), &names)?;
+        for (robot, arm) in scene.robots.iter_mut().zip(&file.arms) {
             robot.qpos.copy_from_slice(&arm.qpos[..7]);
         }
-
-        if let Some(name) = file.bodies.keys().find(|name| scene.bodies.iter().all(|it| it.name != **name)) {
-            let names: Vec<&str> = scene.bodies.iter().map(|body| body.name).collect();
-            return Err(error("bodies", &format!("only {}", names.join(", ")), name.clone()));
-        }
-        let mut bodies = Vec::with_capacity(scene.bodies.len());
-        for body in &mut scene.bodies {
-            let key = format!("bodies.{}", body.name);
-            let given = file.bodies.get(body.name);
-            let given = given.ok_or_else(|| error(&key, "a pose", "nothing".to_owned()))?;
-            let state = given.state().map_err(|(expected, found)| error(&key, &expected, found))?;
+        for (body, state) in scene.bodies.iter_mut().zip(&state.bodies) {
             body.pose = state.pose.cast();
-            bodies.push(state);
         }
-        Ok(Self { task, profile: file.profile, mode, scene, state: WorldState { arms, bodies } })
+        Ok(Self { task, profile: file.profile, mode, scene, state })
     }
 
     /// Builds the world in this state.
@@ -120,7 +105,7 @@ fn scene_of_size(task: TaskId, profile: Profile, sizes: &[f64]) -> Result<Scene,
     if let Some(drawn) = drawn {
         (drawn.apply)(sizes, &mut spec.bodies);
     }
-    Ok(spec.draw(APPEARANCE_SEED))
+    Ok(Scene { sizes: sizes.to_vec(), ..spec.draw(APPEARANCE_SEED) })
 }
 
 /// Checks that numbers are in a range. The error is what was expected and what was found; `mistaken` is the
@@ -136,6 +121,47 @@ fn check_range(
     let hint = mistaken.filter(|(_, factor)| is_possible(value / factor));
     let hint = hint.map_or_else(String::new, |(name, _)| format!(" (in {name}?)"));
     Err((format!("numbers from {low} to {high} {unit}"), format!("{value}{hint}")))
+}
+
+impl TrajectoryFile {
+    /// Returns the state of a world with `n_arms` arms and bodies of these names. `path` appears in errors.
+    pub(crate) fn world_state(
+        &self,
+        path: &Path,
+        n_arms: usize,
+        names: &[&str],
+    ) -> Result<WorldState, TrajectoryError> {
+        let error = |key: &str, expected: &str, found: String| TrajectoryError::Value {
+            path: path.into(),
+            key: key.to_owned(),
+            expected: expected.to_owned(),
+            found,
+        };
+        if self.arms.len() != n_arms {
+            return Err(error("arms", &format!("{n_arms}"), self.arms.len().to_string()));
+        }
+        for (i, arm) in self.arms.iter().enumerate() {
+            arm.check()
+                .map_err(|(key, expected, found)| error(&format!("arms[{i}].{key}"), &expected, found))?;
+        }
+        if let Some(name) = self.bodies.keys().find(|name| !names.contains(&name.as_str())) {
+            return Err(error("bodies", &format!("only {}", names.join(", ")), name.clone()));
+        }
+        let body = |name: &&str| {
+            let key = format!("bodies.{name}");
+            let given = self.bodies.get(*name);
+            let given = given.ok_or_else(|| error(&key, "a pose", "nothing".to_owned()))?;
+            given.state().map_err(|(expected, found)| error(&key, &expected, found))
+        };
+        let bodies = names.iter().map(body).collect::<Result<_, _>>()?;
+        Ok(WorldState { arms: self.arms.iter().map(ArmFile::state).collect(), bodies })
+    }
+
+    /// Describes the state of a world with bodies of these names.
+    pub(crate) fn of_state(state: &WorldState, names: &[&str]) -> (Vec<ArmFile>, BTreeMap<String, BodyFile>) {
+        let bodies = names.iter().map(|name| (*name).to_owned()).zip(state.bodies.iter().map(BodyFile::of));
+        (state.arms.iter().map(ArmFile::of).collect(), bodies.collect())
+    }
 }
 
 impl ArmFile {

@@ -51,6 +51,7 @@ fn physical(mut scene: Scene) -> Scene {
     let background = Background { floor: blank, walls: None };
     let lights = Lights { ambient: [0.0; 3], directional: Vec::new(), shadows: false };
     Scene {
+        sizes: Vec::new(),
         bodies,
         physics_hz,
         robots,

@@ -7,7 +7,7 @@ use sim::demo::{DemoError, Recording};
 use sim::perturb::{Composition, Strength};
 use sim::robot::control::delta_row;
 use sim::scene::stream::episode_seed;
-use sim::show::EpisodeSpec;
+use sim::episode::EpisodeSpec;
 use sim::{Perturbation, Profile, TaskId};
 
 /// Number of episodes per task, of which at least one must succeed.

@@ -11,7 +11,8 @@ use sim::TaskId;
 use sim::perturb::Composition;
 use sim::scene::stream::episode_seed;
 use sim::show::movie::MovieFormat;
-use sim::show::{Actor, EpisodeSpec, FrameSequence, Legend, ViewMode, contact_sheet};
+use sim::episode::EpisodeSpec;
+use sim::show::{Actor, FrameSequence, Legend, ViewMode, contact_sheet};
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::output::{print_message, print_out};

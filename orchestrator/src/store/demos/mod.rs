@@ -18,7 +18,7 @@ use sim::demo::{DemoError, Recording};
 use sim::perturb::Language;
 use sim::render::{CpuRenderer, RenderScene};
 use sim::scene::stream::episode_seed;
-use sim::show::EpisodeSpec;
+use sim::episode::EpisodeSpec;
 
 use self::dataset::{CameraImages, DatasetEpisode, DatasetWriter, EpisodeRecord};
 pub(crate) use self::dataset::{DatasetSettings, StoredDataset};
@@ -197,7 +197,7 @@ impl DemoPlan {
         let seed = episode_seed(settings.seed, task.name(), index);
         let recording = match Recording::of_expert(subject, seed, settings.control_mode) {
             Ok(recording) if recording.success_at_end() => recording,
-            Ok(_) | Err(DemoError::Plan(_) | DemoError::NotFinite { .. }) => return Ok(None),
+            Ok(_) | Err(DemoError::Plan(_) | DemoError::Diverged(_)) => return Ok(None),
             Err(error @ DemoError::Mode { .. }) => return Err(error.into()),
         };
         let mut renderer = CpuRenderer::new(rayon::current_num_threads());

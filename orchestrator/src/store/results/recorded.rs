@@ -10,7 +10,7 @@ use policy_host::PolicySpec;
 use rusqlite::{Connection, params};
 use serde::de::DeserializeOwned;
 use sim::perturb::{Composition, Strength};
-use sim::show::EpisodeSpec;
+use sim::episode::EpisodeSpec;
 use sim::{Profile, expert};
 
 use crate::selection::names::pick;

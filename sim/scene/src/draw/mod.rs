@@ -29,10 +29,10 @@ impl SceneSpec {
     pub fn draw(&self, episode_seed: u64) -> Scene {
         let stream = |name: &str| Stream::new(episode_seed, name);
         let mut specs = Cow::Borrowed(&self.bodies);
-        if let Some(sizes) = &self.sizes {
-            let drawn: Vec<f64> =
-                sizes.ranges.iter().map(|(name, range)| stream(name).uniform(*range)).collect();
-            (sizes.apply)(&drawn, specs.to_mut());
+        let ranges = self.sizes.as_ref().map_or(&[][..], |sizes| sizes.ranges);
+        let sizes: Vec<f64> = ranges.iter().map(|(name, range)| stream(name).uniform(*range)).collect();
+        if let Some(spec) = &self.sizes {
+            (spec.apply)(&sizes, specs.to_mut());
         }
         let mut bodies: Vec<Body> = specs.iter().map(|spec| draw_body(spec, episode_seed)).collect();
         self.place(&specs, &mut bodies, episode_seed);
@@ -63,6 +63,7 @@ impl SceneSpec {
             lights: appearance::lights(&self.lights, episode_seed),
             cameras: self.cameras.iter().map(|spec| draw_camera(spec, episode_seed)).collect(),
             instruction: self.instruction.draw(episode_seed),
+            sizes,
         }
     }
 

@@ -16,7 +16,7 @@ use sim::demo::Recording;
 use sim::perturb::Strength;
 use sim::render::{CpuOptions, CpuRenderer, OpenRendererError, RenderScene, Renderer};
 use sim::scene::stream::episode_seed;
-use sim::show::EpisodeSpec;
+use sim::episode::EpisodeSpec;
 use sim::{Perturbation, Profile, TaskId};
 use xxhash_rust::xxh3::Xxh3Default;
 

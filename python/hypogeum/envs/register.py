@@ -1,0 +1,25 @@
+"""Registration with Gymnasium, which calls it when it is imported (entry point `gymnasium.envs`)."""
+
+import gymnasium
+
+from .conditions import TASKS
+
+
+def register() -> None:
+    """Register `hypogeum/TASK` for every task."""
+    for task in TASKS:
+        name = f"hypogeum/{task}"
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                name,
+                entry_point="hypogeum.envs.single:HypogeumEnv",
+                vector_entry_point="hypogeum.envs.register:make_registered",
+                kwargs={"task": task},
+            )
+
+
+def make_registered(task: str, **options):
+    """Make a vector env of a registered task."""
+    from .vector import HypogeumVectorEnv
+
+    return HypogeumVectorEnv(task, **options)
