@@ -207,7 +207,8 @@ impl Simulator {
         dict.set_item("instruction", instruction)?;
         dict.set_item("steps", progress.steps)?;
         dict.set_item("is_success", progress.first_success_step.is_some() && progress.error.is_none())?;
-        dict.set_item("success_step", progress.first_success_step)?;
+        dict.set_item("success_at_end", progress.unmet.is_none() && progress.error.is_none())?;
+        dict.set_item("first_success_step", progress.first_success_step)?;
         dict.set_item("failed_predicate", progress.unmet)?;
         dict.set_item("fingerprint", format!("{:016x}", progress.fingerprint))?;
         dict.set_item("error", progress.error.map(|error| error.to_string()))?;

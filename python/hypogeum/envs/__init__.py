@@ -1,7 +1,12 @@
 """The simulator as Gymnasium environments, in the memory of this process."""
 
-from .register import register
-from .single import HypogeumEnv
-from .vector import HypogeumVectorEnv, make_vec
+from ..requirements import explain
+
+try:
+    from .register import register
+    from .single import HypogeumEnv
+    from .vector import HypogeumVectorEnv, make_vec
+except ImportError as error:
+    raise ImportError(explain(error, "pip install './python[gym]'")) from error
 
 __all__ = ["HypogeumEnv", "HypogeumVectorEnv", "make_vec", "register"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from .. import _native
@@ -38,7 +38,7 @@ def conditions(tasks: str | Sequence[str], perturbations: str | Sequence[str]) -
     return [Condition(*pair) for pair in itertools.product(names, changes)]
 
 
-def option_words(options: dict[str, object]) -> list[str]:
+def option_words(options: Mapping[str, object]) -> list[str]:
     """Return options as arguments of the command line; those that are `None` are left out."""
     words = []
     for name, value in options.items():

@@ -1,8 +1,11 @@
 """Registration with Gymnasium, which calls it when it is imported (entry point `gymnasium.envs`)."""
 
+from typing import Any
+
 import gymnasium
 
 from .conditions import TASKS
+from .vector import HypogeumVectorEnv
 
 
 def register() -> None:
@@ -18,8 +21,6 @@ def register() -> None:
             )
 
 
-def make_registered(task: str, **options):
+def make_registered(task: str, **options: Any) -> HypogeumVectorEnv:
     """Make a vector env of a registered task."""
-    from .vector import HypogeumVectorEnv
-
     return HypogeumVectorEnv(task, **options)

@@ -54,7 +54,7 @@ class HypogeumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         observation, rewards, terminated, truncated, _ = self._vector.step(row[None])
         return _first(observation), float(rewards[0]), bool(terminated[0]), bool(truncated[0]), self._info()
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """Return the image of the first external camera, if `render_mode` is `rgb_array`."""
         frames = self._vector.render()
         return None if frames is None else frames[0]

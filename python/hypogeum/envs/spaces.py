@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -16,7 +17,7 @@ _GRIPPER = np.array([[-1.0, 1.0]])
 
 def observation_space(state_dim: int, cameras: Iterable[tuple[str, int, int]]) -> spaces.Dict:
     """Return the space of one env: `state`, `[state_dim]` f32, and an image, `[height, width, 3]` u8, per camera."""
-    parts: dict[str, spaces.Space] = {"state": spaces.Box(-np.inf, np.inf, (state_dim,), np.float32)}
+    parts: dict[str, spaces.Space[Any]] = {"state": spaces.Box(-np.inf, np.inf, (state_dim,), np.float32)}
     for name, height, width in cameras:
         parts[name] = spaces.Box(0, 255, (height, width, 3), np.uint8)
     return spaces.Dict(parts)

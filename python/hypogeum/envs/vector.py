@@ -45,7 +45,8 @@ class EnvHandle:
 
     def render(self) -> NDArray[np.uint8]:
         """Return the image of the first external camera."""
-        return self._vector.frames(np.arange(self._vector.num_envs) == self._index)[self._index]
+        frames = self._vector.frames(np.arange(self._vector.num_envs) == self._index)
+        return np.asarray(frames[self._index])
 
 
 class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
@@ -105,19 +106,21 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
             raise ValueError(f"control_mode: {morphology} robots use {native.control_mode}, found {control_mode!r}")
         self._cameras = _select_cameras(native.cameras, images)
         self.control_mode = native.control_mode
-        self.single_observation_space = observation_space(native.state_dim, [it for _, it in self._cameras])
+        self._action_dim = native.action_dim
+        self.single_observation_space = space = observation_space(native.state_dim, [it for _, it in self._cameras])
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.single_action_space = action_space(native.control_mode, native.action_dim)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.env_conditions = [self._conditions[i % len(self._conditions)] for i in range(self.num_envs)]
         self.envs = tuple(EnvHandle(self, i) for i in range(self.num_envs))
-        self._buffers = [self._new_buffers(), self._new_buffers()]
         self._seed = seed
         self._next_episode: Counter[Condition] = Counter()
         self._instructions = [""] * self.num_envs
         self._was_successful = np.zeros(self.num_envs, bool)
         self._is_over = np.zeros(self.num_envs, bool)
         self._native = native
+        self._shapes = {name: (self.num_envs, *(it.shape or ())) for name, it in space.items()}
+        self._buffers = [self._new_buffers(), self._new_buffers()]
 
     @property
     def instructions(self) -> list[str]:
@@ -165,15 +168,16 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         `terminated` is true where the protocol ends an episode by its success, `truncated` at the horizon. `infos`
         has `is_success` (success up to now) of all envs. For episodes that have ended it has those of
         `final_info`, with `SAME_STEP`, or at the top level: `task`, `perturbation`, `episode`, `seed`,
-        `instruction`, `steps`, `is_success`, `success_step` (-1 if none), `failed_predicate` and `error` (empty if
-        none), and `fingerprint`, which equals that of a run with the same actions.
+        `instruction`, `steps`, `is_success`, `success_at_end`, `first_success_step` (-1 if none),
+        `failed_predicate` and `error` (empty if none), and `fingerprint`, which equals that of a run with the same
+        actions.
 
         Raises:
             ValueError: actions have another shape, or are not finite.
             TypeError: actions are not floating-point numbers.
             RuntimeError: an env has not been reset, is closed, or belongs to another process or thread.
         """
-        return self.step_chunk(_actions(actions, (self.num_envs, self.single_action_space.shape[0]))[:, None])
+        return self.step_chunk(_actions(actions, (self.num_envs, self._action_dim))[:, None])
 
     def step_chunk(
         self, chunks: ArrayLike
@@ -184,7 +188,7 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         Otherwise like `step`.
         """
         native = self._open()
-        chunks = _actions(chunks, (self.num_envs, None, self.single_action_space.shape[0]))
+        chunks = _actions(chunks, (self.num_envs, None, self._action_dim))
         pending = self._is_over.copy()
         if self._mode is AutoresetMode.DISABLED and pending.any():
             env = int(np.argmax(pending))
@@ -195,7 +199,7 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         _, succeeded, _, is_over, is_won = native.progress()
         rewards = (succeeded & ~self._was_successful).astype(np.float64)
         terminated, truncated = is_won, is_over & ~is_won
-        self._was_successful, self._is_over = succeeded, is_over
+        self._was_successful, self._is_over = succeeded.copy(), is_over.copy()
         infos: dict[str, Any] = {}
         if is_over.any():
             if self._mode is AutoresetMode.SAME_STEP:
@@ -270,8 +274,8 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         return self._native
 
     def _new_buffers(self) -> Observation:
-        space = self.single_observation_space
-        return {name: np.zeros((self.num_envs, *it.shape), it.dtype) for name, it in space.items()}
+        types = {"state": np.float32}
+        return {name: np.zeros(shape, types.get(name, np.uint8)) for name, shape in self._shapes.items()}
 
     def _start(self, native: _native.Simulator, mask: NDArray[np.bool_], episodes: Sequence[int] | None) -> None:
         starts = []
@@ -344,7 +348,7 @@ def make_vec(tasks: str | Sequence[str], num_envs: int | None = None, **options:
 def _info(native: _native.Simulator, env: int) -> dict[str, Any]:
     info: dict[str, Any] = native.info(env)
     # Gymnasium makes arrays of a type from the values, so that none may be missing.
-    missing = {"success_step": -1, "failed_predicate": "", "error": ""}
+    missing = {"first_success_step": -1, "failed_predicate": "", "error": ""}
     return {key: missing[key] if value is None else value for key, value in info.items()}
 
 
