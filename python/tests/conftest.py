@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).parent
-# Make the test helpers and the scripts next to the package importable.
-sys.path[:0] = [str(HERE), str(HERE.parent)]
+# Make the test helpers and the scripts next to the package importable; an installed package comes first.
+sys.path.insert(0, str(HERE))
+sys.path.append(str(HERE.parent))
 
 
 @pytest.fixture(scope="session")

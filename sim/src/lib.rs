@@ -9,17 +9,16 @@ pub mod episode;
 pub mod expert;
 pub mod perturb;
 pub mod physics;
-pub mod predicate;
 pub mod robot;
 pub mod serve;
 pub mod show;
 pub mod task;
 pub mod tasks;
 pub mod trajectory;
-pub mod vector;
 
 pub use perturb::Perturbation;
 pub use render;
 pub use scene;
+pub use task::predicate;
 pub use task::profile::Profile;
 pub use tasks::TaskId;

@@ -35,7 +35,7 @@ const MAX_ENTRIES: usize = 12;
 const LARGE_FOLDERS: [(&str, &str); 2] =
     [("sim/src/tasks", "one file per task"), ("sim/src/tasks/paraphrases", "one file per task")];
 /// Files that tools find by their name or location.
-const FOUND_BY_NAME: [&str; 10] = [
+const FOUND_BY_NAME: [&str; 11] = [
     "README.md",
     "LICENSE",
     "Cargo.toml",
@@ -43,6 +43,7 @@ const FOUND_BY_NAME: [&str; 10] = [
     "clippy.toml",
     "rustfmt.toml",
     "conftest.py",
+    "py.typed",
     "CONTRIBUTING.md",
     "CHANGELOG.md",
     "pyproject.toml",
@@ -164,5 +165,5 @@ fn is_data_of_a_folder(path: &str) -> bool {
 fn is_output(path: &str) -> bool {
     let of_fuzzing = ["fuzz/corpus/", "fuzz/artifacts/", "fuzz/coverage/"];
     of_fuzzing.iter().any(|folder| path.starts_with(folder))
-        || [".db", ".db-wal", ".db-shm", ".pending-snap"].iter().any(|ending| path.ends_with(ending))
+        || [".db", ".db-wal", ".db-shm", ".pending-snap", ".so"].iter().any(|ending| path.ends_with(ending))
 }

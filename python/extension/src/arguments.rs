@@ -5,8 +5,8 @@ use ipc_types::Morphology;
 use pyo3::PyResult;
 use pyo3::exceptions::PyValueError;
 use run_config::RunConfig;
-use sim::perturb::{Composition, Perturbation};
 use sim::TaskId;
+use sim::perturb::{Composition, Perturbation};
 
 /// Parses options of a run, as its command line does.
 pub(crate) fn run_config(words: Vec<String>) -> PyResult<RunConfig> {

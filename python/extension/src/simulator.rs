@@ -11,8 +11,8 @@ use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use run_config::error_chain;
+use sim::episode::vector::{EpisodeStart, VectorEnv, VectorError, VectorOptions};
 use sim::trajectory::TrajectoryFile;
-use sim::vector::{EpisodeStart, VectorEnv, VectorError, VectorOptions};
 
 use super::arguments::{composition, morphology, require_finite, run_config, task};
 
@@ -182,7 +182,7 @@ impl Simulator {
         let envs = self.lock()?;
         let all = (0..self.n_envs).map(|env| envs.progress(env)).collect::<Result<Vec<_>, _>>();
         let all = all.map_err(|error| to_python(&error))?;
-        let flags = |flag: fn(&sim::vector::Progress) -> bool| {
+        let flags = |flag: fn(&sim::episode::vector::EpisodeProgress) -> bool| {
             PyArray1::from_iter(py, all.iter().map(flag))
         };
         Ok((
@@ -261,7 +261,10 @@ impl Simulator {
         if env < self.n_envs {
             return Ok(());
         }
-        Err(PyValueError::new_err(format!("there is no env {env}, only 0 to {}", self.n_envs.wrapping_sub(1))))
+        Err(PyValueError::new_err(format!(
+            "there is no env {env}, only 0 to {}",
+            self.n_envs.wrapping_sub(1)
+        )))
     }
 }
 

@@ -5,8 +5,8 @@
 
 mod action_conversion;
 
-use ipc_types::layout::MAX_ACTION_DIM;
 use ipc_types::ControlMode;
+use ipc_types::layout::MAX_ACTION_DIM;
 use thiserror::Error;
 
 use crate::episode::{DivergedError, Episode, EpisodeSpec};

@@ -1,6 +1,7 @@
 //! The definition of a task: data and three short functions. A task never steps a world; `tasks/` holds those
 //! of the suite.
 
+pub mod predicate;
 pub mod profile;
 
 use ipc_types::Morphology;

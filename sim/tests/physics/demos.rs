@@ -4,10 +4,10 @@
 use ipc_types::{ControlMode, Morphology};
 use rayon::prelude::*;
 use sim::demo::{DemoError, Recording};
+use sim::episode::EpisodeSpec;
 use sim::perturb::{Composition, Strength};
 use sim::robot::control::delta_row;
 use sim::scene::stream::episode_seed;
-use sim::episode::EpisodeSpec;
 use sim::{Perturbation, Profile, TaskId};
 
 /// Number of episodes per task, of which at least one must succeed.

@@ -34,6 +34,7 @@ pub(crate) fn perturbed(task: TaskId, perturbation: Perturbation) -> SceneSpec {
 pub(crate) fn empty_room(eye: [f64; 3], target: [f64; 3]) -> Scene {
     let paint = |color| Appearance { color, texture: None, specular: 0.0, metallic: 0.0 };
     Scene {
+        sizes: Vec::new(),
         physics_hz: 100,
         bodies: Vec::new(),
         robots: Vec::new(),

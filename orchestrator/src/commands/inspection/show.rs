@@ -8,10 +8,10 @@ use clap::Args;
 use ipc_types::ImageSizes;
 use run_config::{Profile, Samples, Strength};
 use sim::TaskId;
+use sim::episode::EpisodeSpec;
 use sim::perturb::Composition;
 use sim::scene::stream::episode_seed;
 use sim::show::movie::MovieFormat;
-use sim::episode::EpisodeSpec;
 use sim::show::{Actor, FrameSequence, Legend, ViewMode, contact_sheet};
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};

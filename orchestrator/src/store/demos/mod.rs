@@ -15,10 +15,10 @@ use policy_host::models::act::image::Resizer;
 use rayon::{ScopeFifo, ThreadPoolBuilder};
 use sim::TaskId;
 use sim::demo::{DemoError, Recording};
+use sim::episode::EpisodeSpec;
 use sim::perturb::Language;
 use sim::render::{CpuRenderer, RenderScene};
 use sim::scene::stream::episode_seed;
-use sim::episode::EpisodeSpec;
 
 use self::dataset::{CameraImages, DatasetEpisode, DatasetWriter, EpisodeRecord};
 pub(crate) use self::dataset::{DatasetSettings, StoredDataset};

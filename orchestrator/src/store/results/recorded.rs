@@ -9,8 +9,8 @@ use ipc_types::{ControlMode, ImageSizes};
 use policy_host::PolicySpec;
 use rusqlite::{Connection, params};
 use serde::de::DeserializeOwned;
-use sim::perturb::{Composition, Strength};
 use sim::episode::EpisodeSpec;
+use sim::perturb::{Composition, Strength};
 use sim::{Profile, expert};
 
 use crate::selection::names::pick;

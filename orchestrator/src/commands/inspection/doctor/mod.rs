@@ -13,10 +13,10 @@ use ipc_types::{ControlMode, ImageSizes};
 use run_config::{RendererChoice, Samples};
 use serde_json::json;
 use sim::demo::Recording;
+use sim::episode::EpisodeSpec;
 use sim::perturb::Strength;
 use sim::render::{CpuOptions, CpuRenderer, OpenRendererError, RenderScene, Renderer};
 use sim::scene::stream::episode_seed;
-use sim::episode::EpisodeSpec;
 use sim::{Perturbation, Profile, TaskId};
 use xxhash_rust::xxh3::Xxh3Default;
 

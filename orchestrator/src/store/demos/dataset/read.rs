@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 use policy_host::PolicySpec;
-use sim::scene::stream::episode_seed;
 use sim::episode::EpisodeSpec;
+use sim::scene::stream::episode_seed;
 
 use crate::selection::selectors::parse_task;
 use crate::store::demos::dataset::features::ACTION;

@@ -13,7 +13,8 @@ use run_config::{EpisodeEnd, ImageOptions, ResultOptions};
 use scene::{Snapshot, stream};
 use thiserror::Error;
 
-use crate::episode::{DivergedError, Episode, EpisodeSpec};
+use super::spec::EpisodeSpec;
+use super::steps::{DivergedError, Episode};
 use crate::perturb::{Composition, Language, SentencesError};
 use crate::predicate::Predicate;
 use crate::tasks::TaskId;
@@ -22,7 +23,7 @@ use crate::trajectory::{TrajectoryError, TrajectoryFile};
 /// Memory of an env with and without images in bytes, a little more than measured.
 const ENV_BYTES: [u64; 2] = [900 << 10, 160 << 10];
 
-/// What a [`VectorEnv`] consists of.
+/// Parts and rules of a [`VectorEnv`].
 #[derive(Clone, Debug)]
 pub struct VectorOptions {
     /// Number of envs.
@@ -65,7 +66,9 @@ pub enum VectorError {
     State(#[from] TrajectoryError),
     #[error("the state is one of {found}, and env {env} has an episode of {expected}")]
     OtherTask { env: usize, expected: &'static str, found: String },
-    #[error("the state has bodies of sizes {found:?}, and those of the episode in env {env} are {expected:?}")]
+    #[error(
+        "the state has bodies of sizes {found:?}, and those of the episode in env {env} are {expected:?}"
+    )]
     OtherSizes { env: usize, expected: Vec<f64>, found: Vec<f64> },
 }
 
@@ -82,9 +85,9 @@ pub struct EpisodeStart {
     pub suite_seed: u64,
 }
 
-/// What has come of an episode so far.
+/// Result of an episode so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
+pub struct EpisodeProgress {
     /// Number of control steps executed.
     pub steps: u32,
     /// First step after which the task was successful, counted from 1.
@@ -245,9 +248,9 @@ impl VectorEnv {
         Ok(())
     }
 
-    /// Writes the observations of some envs at their places among those of all envs: `states` is `[n_envs,
-    /// state_dim]`, and `images` has, for each camera whose images are wanted, its index and `[n_envs, height,
-    /// width, 3]`.
+    /// Writes the observations of some envs at their places among those of all envs. `states` is
+    /// `[n_envs, state_dim]`; `images` has, for each camera whose images are wanted, its index and
+    /// `[n_envs, height, width, 3]`.
     ///
     /// # Errors
     /// If an env has no episode yet or no images, or the renderer fails.
@@ -265,9 +268,11 @@ impl VectorEnv {
         let named = |env: &usize| envs[*env];
         let state_dim = self.options.morphology.state_dim();
         assert_eq!(states.len(), n_envs * state_dim, "states must be those of all envs");
-        for (env, state) in self.envs.iter_mut().zip(states.chunks_exact_mut(state_dim)).zip(envs).filter_map(
-            |((env, state), is_named)| env.as_mut().filter(|_| *is_named).map(|env| (env, state)),
-        ) {
+        for (env, state) in
+            self.envs.iter_mut().zip(states.chunks_exact_mut(state_dim)).zip(envs).filter_map(
+                |((env, state), is_named)| env.as_mut().filter(|_| *is_named).map(|env| (env, state)),
+            )
+        {
             env.episode.world.write_state(state);
             if !images.is_empty() {
                 env.episode.world.write_snapshot(&mut env.snapshot);
@@ -296,7 +301,7 @@ impl VectorEnv {
     ///
     /// # Errors
     /// If the env has no episode yet.
-    pub fn progress(&self, env: usize) -> Result<Progress, VectorError> {
+    pub fn progress(&self, env: usize) -> Result<EpisodeProgress, VectorError> {
         let end = self.options.results.protocol.end;
         self.env(env).map(|state| state.progress(end))
     }
@@ -404,9 +409,9 @@ impl EnvState {
         self.is_won(end) || self.episode.steps() >= self.start.task.task().max_steps || self.error.is_some()
     }
 
-    fn progress(&self, end: EpisodeEnd) -> Progress {
+    fn progress(&self, end: EpisodeEnd) -> EpisodeProgress {
         let episode = &self.episode;
-        Progress {
+        EpisodeProgress {
             steps: episode.steps(),
             first_success_step: episode.first_success_step(),
             unmet: episode.unmet().map(Predicate::name),
