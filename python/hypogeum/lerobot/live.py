@@ -20,11 +20,11 @@ def copy_of(policy, *processors) -> LeRobotPolicy:
 
     The policy is saved to a temporary folder with its processors, and loaded as `python -m hypogeum.lerobot` loads a
     checkpoint. So it needs that space on the disk and, until the copy is dropped, its memory a second time. Other files
-    of the folder that it was loaded from, such as `hypogeum.json` and a tokenizer, are taken over.
+    of the folder that its `config.pretrained_path` names, such as `hypogeum.json` and a tokenizer, are taken over.
 
     Args:
         policy: LeRobot's `PreTrainedPolicy`.
-        processors: Its preprocessor and postprocessor, or nothing: then those of the folder that it was loaded from.
+        processors: Its preprocessor and postprocessor, or nothing: then those of that folder.
 
     Raises:
         MappingError: There are no processors, or the policy does not fit the benchmark.
