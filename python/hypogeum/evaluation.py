@@ -138,7 +138,7 @@ class _Run:
         from .host import serve
 
         coeff = getattr(function, "ensemble_coeff", DEFAULT_COEFF)
-        # A run whose shared memory is damaged goes on under another name, so that it is served more than once.
+        # A run whose shared memory is damaged goes on under another name, and is served once more.
         while self.child.poll() is None:
             if find_endpoint(name, base_folder()) is None:
                 time.sleep(POLL_INTERVAL_S)

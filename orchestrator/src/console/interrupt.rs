@@ -10,7 +10,7 @@ use signal_hook::iterator::{Handle, Signals};
 
 use crate::console::output::print_message;
 
-/// Time between two signals of a process whose input has ended. A second stop kills children that have not ended.
+/// Time between two signals of a process whose input has ended. The second one kills children that are left.
 const RAISE_INTERVAL: Duration = Duration::from_secs(5);
 
 /// A guard during whose lifetime the signals do not terminate the process. After it is dropped they are
@@ -36,8 +36,8 @@ pub(crate) fn watch(stop: impl Fn() + Send + 'static) -> io::Result<SignalWatch>
     Ok(watch)
 }
 
-/// Sends SIGTERM to this process when its standard input ends, which shows that its parent is gone. It does so
-/// again and again, because a signal that comes between two watches is lost.
+/// Sends SIGTERM to this process when its standard input ends, which shows that its parent is gone. It does
+/// so again and again, because a signal that comes between two watches is lost.
 ///
 /// # Errors
 /// If no thread can be started.

@@ -13,7 +13,8 @@ use crate::store::results::{Column, ENVIRONMENT, EpisodeRow, PLANS, ResultsFile,
 
 /// Manifest entries that describe the circumstances of a run. Results do not depend on them.
 const CIRCUMSTANCES: [&str; 3] = [ENVIRONMENT, PLANS, STOPPING];
-/// Key of `--across` for policies that differ although their names and checkpoints agree, such as foreign hosts.
+/// Key of `--across` for policies that differ although their names and checkpoints agree, as foreign hosts
+/// may.
 const POLICY: &str = "policy";
 
 /// A merged evaluation.
