@@ -35,7 +35,7 @@ with explained(INSTALL):
 
     from hypogeum.backbone import resnet18_of
     from hypogeum.demonstrations import ACTION, INSTRUCTION, STATE, Demonstrations, prefetched, shuffled
-    from hypogeum.training import Schedule, success_rates, update_average
+    from hypogeum.training import CheckpointEvaluation, Schedule, update_average
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.act.configuration_act import ACTConfig
     from lerobot.policies.act.modeling_act import ACTPolicy
@@ -272,14 +272,6 @@ def export(policy, processors, folder):
     (folder / "hypogeum.json").write_text(json.dumps({"language": {"encoder": "hashed", "dim": dim}}) + "\n")
 
 
-def evaluate(args, tasks):
-    """Evaluate the exported checkpoint in closed loop and return {task: success_once}."""
-    return success_rates(
-        args.evaluate, f"act:{args.output}", tasks, episodes=args.episodes, seed=args.evaluation_seed,
-        threads=args.threads, execute=args.chunk,
-    )  # fmt: skip
-
-
 def make_data(args, cache):
     """Return the demonstrations, and their statistics before they leave the CPU."""
     data = Examples(
@@ -340,6 +332,10 @@ def main():
     n_parameters = sum(parameter.numel() for parameter in policy.parameters())
     print(f"{', '.join(data.tasks)}: {data.n_frames} frames, {n_parameters / 1e6:.2f} M parameters", flush=True)
 
+    evaluate = CheckpointEvaluation(
+        f"act:{args.output}", data.tasks, episodes=args.episodes, seed=args.evaluation_seed, execute=args.chunk,
+        options=("--threads", str(args.threads)), program=args.evaluate,
+    )  # fmt: skip
     policy.train()
     gradients, unread, losses, start = Gradients(policy, args.precision), [], [], time.monotonic()
     seconds = args.max_minutes and args.max_minutes * 60 - (start - STARTED) - SAVING_S
@@ -367,7 +363,7 @@ def main():
             export(averaged, processors, args.output)
             row = {"step": done, "loss": float(np.mean(losses)), "seconds": round(time.monotonic() - start, 1)}
             if args.evaluate:
-                row["success_once"] = evaluate(args, data.tasks)
+                row |= evaluate(done)
             losses.clear()
             with open(folder / "log.jsonl", "a") as log:
                 log.write(json.dumps(row) + "\n")

@@ -48,7 +48,7 @@ with explained(INSTALL):
     from hypogeum.pi05 import UNUSED, Widths, narrow, processors_of
     from hypogeum.robot import state_slice
     from hypogeum.tokenizer import Tokenizer
-    from hypogeum.training import Schedule, success_rates, update_average
+    from hypogeum.training import CheckpointEvaluation, Schedule, update_average
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.pi05.configuration_pi05 import PI05Config
     from lerobot.policies.pi05.modeling_pi05 import PI05Policy
@@ -428,14 +428,6 @@ def export(policy, processors, tokenizer, args, morphology):
     (args.output / "hypogeum.json").write_text(json.dumps(sidecar, indent=2) + "\n")
 
 
-def evaluate(args, tasks):
-    """Evaluate the exported checkpoint in closed loop and return {task: success_once}."""
-    return success_rates(
-        args.binary, f"pi05:{args.output}", tasks, episodes=args.episodes, seed=args.evaluation_seed,
-        threads=args.threads, execute=args.execute,
-    )  # fmt: skip
-
-
 def parse_weights(text):
     """Parse `RaiseCube=2,OpenDrawer` to {task: weight}."""
     pairs = (item.partition("=") for item in text.split(",")) if text else ()
@@ -477,6 +469,10 @@ def main():
     n_parameters = sum(parameter.numel() for parameter in trained)
     print(f"{', '.join(data.tasks)}: {data.n_frames} frames, {n_parameters / 1e6:.2f} M parameters", flush=True)
 
+    evaluate = CheckpointEvaluation(
+        f"pi05:{args.output}", data.tasks, episodes=args.episodes, seed=args.evaluation_seed, execute=args.execute,
+        options=("--threads", str(args.threads)), program=args.binary,
+    )  # fmt: skip
     policy.train()
     loss_of = torch.compile(flow_loss) if args.compile else flow_loss
     losses, start = [], time.monotonic()
@@ -516,7 +512,7 @@ def main():
             row = {"step": done, "flow": float(flow), "auxiliary": float(guess)}
             row["seconds"] = round(time.monotonic() - start, 1)
             if args.evaluate:
-                row["success_once"] = evaluate(args, data.tasks)
+                row |= evaluate(done)
             losses.clear()
             with open(folder / "log.jsonl", "a") as log:
                 log.write(json.dumps(row) + "\n")

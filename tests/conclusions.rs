@@ -145,6 +145,10 @@ fn copies_of_a_row_must_agree() {
         &[&["compare", "r.db", "better.db"], &pair[..]].concat(),
         &["idle's", "episode 2 differs", "better.db in success_once"],
     );
+    // Unless they are of another policy, such as a foreign host that has changed.
+    let across = ["compare", "r.db", "better.db", "--across", "policy", "--a", "better.db:idle", "--json"];
+    let across = json(&run(dir.path(), &[&across[..], &["--b", "r.db:idle"]].concat()).expect_code(0));
+    assert_eq!((&across["n_flips"], &across["flips"][0]["episode"]), (&4.into(), &2.into()));
     // Another simulator makes other results.
     copy("code.db", "UPDATE manifest SET value = '\"0123\"' WHERE key = 'code'");
     let files = [&["compare", "r.db", "code.db"], &pair[..]].concat();

@@ -1,4 +1,4 @@
-"""Serve a robot policy from Python to a Hypogeum run, reading observations directly from shared memory."""
+"""Robot policies in simulation: environments, evaluation, and hosts that serve a policy to a run."""
 
 import importlib
 import importlib.metadata
@@ -6,13 +6,17 @@ import importlib.metadata
 # Module of each name, imported when the name is first used: `hypogeum.requirements` must work without numpy.
 _MODULES = {
     "AnswerError": "chunk",
+    "Comparison": "comparison",
+    "EnvObservation": "observation",
+    "EvaluationError": "program",
+    "FrameError": "observation",
     "HypogeumEnv": "envs",
     "HypogeumVectorEnv": "envs",
-    "EnvObservation": "observation",
-    "FrameError": "observation",
     "Observation": "observation",
+    "Results": "results",
     "Statistics": "host",
     "TemporalEnsemble": "ensemble",
+    "evaluate": "evaluation",
     "make_vec": "envs",
     "serve": "host",
 }

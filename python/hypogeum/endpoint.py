@@ -32,6 +32,10 @@ class EndpointError(Exception):
     """An endpoint descriptor that cannot be parsed, or that belongs to another version of the program."""
 
 
+class EndpointTimeout(TimeoutError):
+    """No run has offered an endpoint in time."""
+
+
 @dataclass(frozen=True)
 class EndpointDescriptor:
     """Everything a foreign policy host needs to attach to a lane of a run."""
@@ -70,7 +74,7 @@ class EndpointDescriptor:
         return is_locked(self.root)
 
 
-def base_folder():
+def base_folder() -> Path:
     """Return the folder that contains the runs of this user."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     if runtime and Path(runtime).is_absolute() and Path(runtime).is_dir():
@@ -91,7 +95,7 @@ def wait_for_endpoint(name, base=None, timeout_s=None, served=()):
         The `EndpointDescriptor` of the newest live run.
 
     Raises:
-        TimeoutError: No run offers the endpoint within `timeout_s`.
+        EndpointTimeout: No run offers the endpoint within `timeout_s`.
         TrustError: Another user could have made the endpoint.
         EndpointError: A run offers an endpoint that this package cannot use.
     """
@@ -104,14 +108,14 @@ def wait_for_endpoint(name, base=None, timeout_s=None, served=()):
         if endpoint is not None:
             return endpoint
         if deadline is not None and time.monotonic() >= deadline:
-            raise TimeoutError(
+            raise EndpointTimeout(
                 f"no run under {base} offered an endpoint {name!r} within {timeout_s:g} s; "
                 f"start one with `hypogeum run --policy NAME=attach:{name}`"
             )
         time.sleep(POLL_INTERVAL_S)
 
 
-def find_endpoint(name, base, served=()):
+def find_endpoint(name, base, served=()) -> "EndpointDescriptor | None":
     """Return what `wait_for_endpoint` would, or None if there is no such endpoint now."""
     check_base(base)
     found = []

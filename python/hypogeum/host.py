@@ -48,7 +48,7 @@ class Statistics:
 def serve(
     fn, name="mine", *, base=None, timeout_s=None, forever=False, on_error="report", ensemble_coeff=DEFAULT_COEFF,
     on_ready=None,
-):  # fmt: skip
+) -> Statistics:  # fmt: skip
     """Serve a policy function to `hypogeum run --policy ...=attach:NAME` until the run ends.
 
     If `fn` raises or returns an invalid result, the episodes in that message end with an error in the results, and the

@@ -1,10 +1,10 @@
 """Parts that the training scripts share: the schedule, averaged weights, and closed-loop evaluation."""
 
-import json
-import subprocess
 import sys
-import tempfile
 import time
+
+from .evaluation import evaluate
+from .program import EvaluationError
 
 
 class Schedule:
@@ -46,25 +46,31 @@ def update_average(averaged, policy, step, decay):
         torch._foreach_lerp_(list(averaged.parameters()), list(policy.parameters()), weight)
 
 
-def success_rates(binary, policy, tasks, *, episodes, seed, threads, execute):
-    """Evaluate a policy in the simulator and return {task: success_once}. Exits with the program's message if it fails.
+class CheckpointEvaluation:
+    """Evaluation of a training's checkpoints in the simulator, each compared with the one before.
 
     Args:
-        binary: Path of the `hypogeum` binary.
-        policy: Policy as the command line takes it, for example `act:FOLDER`.
+        policy: Spec of the policy, for example `act:FOLDER`.
         tasks: Task names.
-        episodes: Episodes per task.
-        seed: Suite seed.
-        threads: Worker threads.
-        execute: Rows of each action chunk to execute.
+        options: Further arguments of `hypogeum.evaluate`.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        command = [
-            binary, "run", "--policy", f"trained={policy}", "--tasks", ",".join(tasks), "--json", "--quiet",
-            "--episodes", str(episodes), "--seed", str(seed), "--db", f"{folder}/results.db",
-            "--threads", str(threads), "--execute", str(execute),
-        ]  # fmt: skip
-        done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode != 0:
-        sys.exit(f"{' '.join(command)}\n{done.stderr}")
-    return {cell["task"]: cell["success_once"] for cell in json.loads(done.stdout)["cells"]}
+
+    def __init__(self, policy, tasks, **options):
+        self.policy, self.tasks, self.options, self.previous = policy, tasks, options, None
+
+    def __call__(self, step):
+        """Return what the log says of the checkpoint of a step; exits with the program's message if that fails.
+
+        This is `success_once` per task and, from the second checkpoint on, the verdict `than_before`.
+        """
+        try:
+            results = evaluate(self.policy, self.tasks, name=f"step-{step}", quiet=True, **self.options)
+            row = {"success_once": {cell.task: cell.rate for cell in results.cells}}
+            if self.previous is not None:
+                comparison = results.compare(self.previous)
+                row["than_before"] = comparison.verdict
+                print(comparison, flush=True)
+        except EvaluationError as error:
+            sys.exit(f"error: {error}")
+        self.previous = results
+        return row

@@ -34,6 +34,7 @@ from hypogeum.execution import RunRefused  # noqa: E402
 from hypogeum.history import HistoryError  # noqa: E402
 from hypogeum.layout import MORPHOLOGIES, PAGE_BYTES  # noqa: E402
 from hypogeum.lerobot import LeRobotPolicy, sampling  # noqa: E402
+from hypogeum.lerobot.live import copy_of  # noqa: E402
 from hypogeum.mapping import MappingError  # noqa: E402
 
 HYPOGEUM = os.environ.get("HYPOGEUM")
@@ -71,6 +72,14 @@ def observe(contents, queries=None, seeds=None, execute=4, steps=None):
         found = Observation(header, pages)
         found.states[idx] = random.uniform(-1, 1, MORPHOLOGIES["single"].state_dim)
     return Observation(header, pages)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_copy_of_a_live_policy_answers_alike(folders, kind):
+    policy = LeRobotPolicy(folders(kind))
+    policy.policy.config.pretrained_path = folders(kind)
+    copy = copy_of(policy.policy, policy.preprocess, policy.postprocess)
+    assert np.array_equal(copy(observe([5, 6])), policy(observe([5, 6])))
 
 
 @pytest.mark.parametrize("kind", KINDS)

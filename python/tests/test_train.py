@@ -47,6 +47,7 @@ def test_training_learns_and_resumes_after_interruption(demos, tmp_path):
     rows = log(uninterrupted)
     assert [row["step"] for row in rows] == [20, 40] and rows[-1]["loss"] < 0.9 * rows[0]["loss"]
     assert all(list(row["success_once"]) == ["RaiseCube"] for row in rows)
+    assert "than_before" not in rows[0] and rows[1]["than_before"] == "undecided"
 
     child = subprocess.Popen(command(demos, resumed, "--tasks", "RaiseCube"))
     deadline = time.monotonic() + LIMIT_S

@@ -18,7 +18,8 @@ pub(crate) struct EvaluationArgs {
     #[arg(value_name = "RESULTS.db", required = true)]
     pub(crate) files: Vec<PathBuf>,
     /// Options that may differ between the files although results depend on them, such as `latency`; `seed`
-    /// pools the episodes of several seeds
+    /// pools the episodes of several seeds, and `policy` tells policies apart by their files although their
+    /// names and checkpoints agree
     #[arg(long, value_name = "KEY,…", value_delimiter = ',')]
     pub(crate) across: Vec<String>,
     /// Success that is compared

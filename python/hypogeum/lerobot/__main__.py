@@ -37,7 +37,6 @@ def serve_checkpoint(args):
     import torch
 
     from ..endpoint import EndpointError
-    from ..ensemble import DEFAULT_COEFF
     from ..execution import RunRefused
     from ..host import serve
     from ..link import LinkError
@@ -50,10 +49,8 @@ def serve_checkpoint(args):
         torch.set_num_threads(args.threads)
     try:
         policy = LeRobotPolicy(args.checkpoint, args.device, args.batch)
-        configured = getattr(policy.config, "temporal_ensemble_coeff", None)
-        coeff = DEFAULT_COEFF if configured is None else configured
         options = dict(base=args.base, timeout_s=args.timeout, forever=args.forever)
-        print(serve(policy, args.name, ensemble_coeff=coeff, **options))
+        print(serve(policy, args.name, ensemble_coeff=policy.ensemble_coeff, **options))
     except (EndpointError, LinkError, MappingError, RunRefused, TimeoutError) as error:
         sys.exit(f"error: {error}")
     except KeyboardInterrupt:

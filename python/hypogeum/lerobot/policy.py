@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from lerobot.processor import ProcessorStep
 
+from ..ensemble import DEFAULT_COEFF
 from ..execution import CHUNK, RunRefused
 from ..folder import resolve_checkpoint
 from ..history import EpisodeMemory
@@ -69,6 +70,12 @@ class LeRobotPolicy:
         self.executes_plans = False
         self.n_rows = None
         announce_differences(self)
+
+    @property
+    def ensemble_coeff(self):
+        """Coefficient with which a run with `--mode ensemble` is ensembled."""
+        configured = getattr(self.config, "temporal_ensemble_coeff", None)
+        return DEFAULT_COEFF if configured is None else configured
 
     def on_attach(self, run):
         """Prepare for a run; `serve` calls this with the run's `EndpointDescriptor`.

@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use anyhow::Context;
 use clap::Args;
 use run_config::{Protocol, trace};
 use serde_json::{Value, json};
 
 use crate::console::exit::{ExitStatus, Failure, OrUser};
+use crate::console::interrupt;
 use crate::console::output::{OutputError, print_message, print_out};
 use crate::console::progress::Progress;
 use crate::fleet::RunStatus;
@@ -41,12 +43,18 @@ pub(crate) struct RunArgs {
     /// Show no progress
     #[arg(long)]
     pub(crate) quiet: bool,
+    /// End in order, like after SIGTERM, when the standard input ends
+    #[arg(long, hide = true)]
+    pub(crate) end_with_stdin: bool,
     #[arg(skip = Instant::now())]
     started: Instant,
 }
 
 /// Runs the episodes that the results file does not have yet, and reports the results of the whole plan.
 pub(crate) fn run(args: &RunArgs) -> Result<ExitStatus, Failure> {
+    if args.end_with_stdin {
+        interrupt::terminate_at_end_of_input().context("failed to watch the standard input")?;
+    }
     let machine = Machine::detect();
     let mut plan = RunPlan::new(&args.sweep).or_user()?;
     let device = find_device(&plan.policies, &mut plan.config)?;

@@ -13,6 +13,9 @@ use crate::store::results::{Column, ENVIRONMENT, EpisodeRow, PLANS, ResultsFile,
 
 /// Manifest entries that describe the circumstances of a run. Results do not depend on them.
 const CIRCUMSTANCES: [&str; 3] = [ENVIRONMENT, PLANS, STOPPING];
+/// Key of `--across` for policies that differ although their names and checkpoints agree, as foreign hosts
+/// may.
+const POLICY: &str = "policy";
 
 /// A merged evaluation.
 #[derive(Debug)]
@@ -107,7 +110,8 @@ impl EvaluatedPolicy {
 }
 
 impl Evaluation {
-    /// Merges results files. Options named in `across` may differ between the files.
+    /// Merges results files. Options named in `across` may differ between the files; with [`POLICY`] among
+    /// them, policies of different files are different policies.
     ///
     /// # Errors
     /// If anything else that results depend on differs, or the files contradict each other.
@@ -121,7 +125,7 @@ impl Evaluation {
         if let Some(file) = stopped.filter(|_| seeds.iter().any(|seed| *seed != seeds[0])) {
             return Err(EvaluationError::PooledStopping { path: file.path.clone() });
         }
-        let policies = policies(&files)?;
+        let policies = policies(&files, across.iter().any(|key| key == POLICY))?;
         let seconds = files.iter().map(|file| file.rows.iter().map(EpisodeRow::seconds).sum()).collect();
         let mut evaluation = Self { files, policies, seeds, seconds };
         for idx in 0..evaluation.policies.len() {
@@ -223,8 +227,8 @@ fn identity(file: &ResultsFile, name: &str) -> Result<Identity, EvaluationError>
 }
 
 /// Returns the policies of all files. Rows of one name are one policy if its identity and all options agree,
-/// except the seed; otherwise the policies are told apart by their files.
-fn policies(files: &[ResultsFile]) -> Result<Vec<EvaluatedPolicy>, EvaluationError> {
+/// except the seed; otherwise, or if `is_per_file`, the policies are told apart by their files.
+fn policies(files: &[ResultsFile], is_per_file: bool) -> Result<Vec<EvaluatedPolicy>, EvaluationError> {
     let mut policies: Vec<EvaluatedPolicy> = Vec::new();
     for (file_idx, file) in files.iter().enumerate() {
         let mut positions: BTreeMap<&str, usize> = BTreeMap::new();
@@ -236,7 +240,8 @@ fn policies(files: &[ResultsFile]) -> Result<Vec<EvaluatedPolicy>, EvaluationErr
                     let identity = identity(file, name)?;
                     let is_same = |policy: &EvaluatedPolicy| {
                         let first = &files[policy.rows[0].file_idx as usize];
-                        policy.name == name
+                        !is_per_file
+                            && policy.name == name
                             && policy.identity.matches(&identity)
                             && has_same_options(first, file)
                     };
@@ -280,7 +285,7 @@ fn defaults() -> Map<String, Value> {
     }
 }
 
-/// Returns the names of what `--across` may name: options, and the code that results depend on.
+/// Returns the names of the options and of the code that results depend on.
 fn option_names() -> Vec<String> {
     defaults().into_iter().map(|(key, _)| key).chain(["code".to_owned()]).collect()
 }
@@ -297,7 +302,7 @@ fn suite_seed(file: &ResultsFile) -> u64 {
 }
 
 fn check_across(across: &[String]) -> Result<(), EvaluationError> {
-    let known = option_names();
+    let known: Vec<String> = option_names().into_iter().chain([POLICY.to_owned()]).collect();
     match across.iter().find(|key| !known.contains(key)) {
         Some(key) => Err(EvaluationError::Across { key: key.clone(), known }),
         None => Ok(()),
