@@ -1,7 +1,9 @@
 """Robot policies in simulation: environments, evaluation, and hosts that serve a policy to a run."""
 
+import contextlib
 import importlib
 import importlib.metadata
+import sys
 
 # Module of each name, imported when the name is first used: `hypogeum.requirements` must work without numpy.
 _MODULES = {
@@ -29,3 +31,9 @@ def __getattr__(name):
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
+
+
+# `gymnasium.make("hypogeum/RaiseCube")` needs no more than both imports. Without the extension there are no envs.
+if "gymnasium" in sys.modules:
+    with contextlib.suppress(ImportError):
+        importlib.import_module(".envs", __name__)

@@ -102,7 +102,6 @@ def test_policy_host_sees_the_same_images(tmp_path):
 
 
 def test_gymnasium_accepts_the_env():
-    hypogeum.envs.register()
     env = gymnasium.make("hypogeum/RaiseCube", render_mode="rgb_array", image_size="64x64")
     check_env(env.unwrapped)
     env = gymnasium.make_vec("hypogeum/DualArmLiftPot", num_envs=2, images=False, autoreset_mode="SameStep")

@@ -9,4 +9,5 @@ try:
 except ImportError as error:
     raise ImportError(explain(error, "pip install './python[gym]'")) from error
 
+register()
 __all__ = ["HypogeumEnv", "HypogeumVectorEnv", "make_vec", "register"]

@@ -1,4 +1,4 @@
-"""Registration with Gymnasium, which calls it when it is imported (entry point `gymnasium.envs`)."""
+"""Registration with Gymnasium, when `hypogeum.envs` is imported."""
 
 from typing import Any
 
