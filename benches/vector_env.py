@@ -1,13 +1,13 @@
 """Speed of Python's envs: against a run with the same work, and against Gymnasium's own vector envs over single ones.
 
-    python benches/vector_env.py [--maniskill]
+    python benches/vector_env.py
 
-Needs `pip install './python[gym]'`. Every line is the median of `--rounds` rounds, in which all take turns. `--maniskill`
-adds ManiSkill's CPU simulation (`pip install mani_skill`), which has one env per process.
+Needs `pip install './python[gym]'`. Every line is the median of `--rounds` rounds, in which all take turns.
 """
 
 import argparse
-import re
+import json
+import os
 import statistics
 import subprocess
 import tempfile
@@ -21,7 +21,7 @@ import numpy as np
 import hypogeum
 
 TASK = "RaiseCube"
-PROGRAM = "hypogeum"
+PROGRAM = os.environ.get("HYPOGEUM", "hypogeum")
 
 
 def of_env(make, n_envs, n_steps):
@@ -43,14 +43,14 @@ def of_run(policy, n_envs, n_episodes, serve=None):
     """Return the env-steps per second of a run that asks its policy at every step."""
     with tempfile.TemporaryDirectory() as folder:
         command = [PROGRAM, "run", "--policy", policy, "--tasks", TASK, "--episodes", str(n_episodes), "--execute", "1"]
-        command += ["--envs", str(n_envs), "--renderer", "cpu", "--keep-actions=false", "--db", f"{folder}/results.db"]
+        command += ["--envs", str(n_envs), "--renderer", "cpu", "--keep-actions=false", "--json", "--db", f"{folder}/results.db"]
         thread = threading.Thread(target=hypogeum.serve, args=(serve, "vector-env")) if serve else None
         if thread:
             thread.start()
         done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
         if thread:
             thread.join()
-    return float(re.search(r"([\d,]+) env-steps/s", done.stdout + done.stderr)[1].replace(",", ""))
+    return json.loads(done.stdout)["fps"]["env_steps_per_s"]
 
 
 def random_actions(observation):
@@ -67,19 +67,9 @@ def asynchronous(images):
     return lambda: gymnasium.vector.AsyncVectorEnv([make] * 64, context="spawn")
 
 
-def maniskill():
-    import mani_skill.envs  # noqa: F401
-
-    def make():
-        return gymnasium.make("PickCube-v1", obs_mode="state", control_mode="pd_ee_delta_pose", sim_backend="cpu")
-
-    return gymnasium.vector.SyncVectorEnv([make])
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--maniskill", action="store_true", help="also measure ManiSkill's CPU simulation")
     arguments = parser.parse_args()
     cases = {
         "images, VectorEnv of 64": lambda: of_env(ours(64, True), 64, 60),
@@ -90,8 +80,6 @@ def main():
         "states, run with 64 envs": lambda: of_run("random", 64, 1000),
         "states, AsyncVectorEnv of 64": lambda: of_env(asynchronous(False), 64, 100),
     }
-    if arguments.maniskill:
-        cases["states, ManiSkill, one CPU env"] = lambda: of_env(maniskill, 1, 300)
     results = {name: [] for name in cases}
     for _ in range(arguments.rounds):
         for name, case in cases.items():
