@@ -33,7 +33,7 @@ def __getattr__(name):
     return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
 
 
-# `gymnasium.make("hypogeum/RaiseCube")` needs no more than both imports. Without the extension there are no envs.
+# Both imports suffice for `gymnasium.make("hypogeum/RaiseCube")`. Without the extension there are no envs.
 if "gymnasium" in sys.modules:
     with contextlib.suppress(ImportError):
         importlib.import_module(".envs", __name__)

@@ -165,5 +165,5 @@ fn is_data_of_a_folder(path: &str) -> bool {
 fn is_output(path: &str) -> bool {
     let of_fuzzing = ["fuzz/corpus/", "fuzz/artifacts/", "fuzz/coverage/"];
     of_fuzzing.iter().any(|folder| path.starts_with(folder))
-        || [".db", ".db-wal", ".db-shm", ".pending-snap", ".so"].iter().any(|ending| path.ends_with(ending))
+        || [".db", ".db-wal", ".db-shm", ".pending-snap"].iter().any(|ending| path.ends_with(ending))
 }

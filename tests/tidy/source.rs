@@ -26,7 +26,10 @@ pub(crate) fn manifest(name: &str) -> String {
 
 /// Returns every file below `dir` that is not hidden and not a build product.
 pub(crate) fn files_below(dir: &Path) -> Vec<PathBuf> {
-    let skipped = |name: &str| name.starts_with('.') || name == "target" || name == "__pycache__";
+    let products = ["target", "__pycache__", "build"];
+    let is_product =
+        |name: &str| products.contains(&name) || name.ends_with(".egg-info") || name.ends_with(".so");
+    let skipped = |name: &str| name.starts_with('.') || is_product(name);
     let mut files = Vec::new();
     for entry in fs::read_dir(dir).unwrap() {
         let path = entry.unwrap().path();

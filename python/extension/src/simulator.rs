@@ -1,5 +1,7 @@
 //! The class `Simulator`: envs whose observations are written into numpy arrays.
 
+#![expect(clippy::needless_pass_by_value, reason = "PyO3 passes arguments by value")]
+
 use std::process;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
