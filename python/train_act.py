@@ -34,7 +34,7 @@ with explained(INSTALL):
     from torchvision.ops.misc import FrozenBatchNorm2d
 
     from hypogeum.backbone import resnet18_of
-    from hypogeum.demonstrations import ACTION, INSTRUCTION, STATE, Demonstrations, prefetched, shuffled
+    from hypogeum.demonstrations import ACTION, INSTRUCTION, STATE, TrainingFrames, prefetched, shuffled
     from hypogeum.training import CheckpointEvaluation, Schedule, update_average
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.act.configuration_act import ACTConfig
@@ -96,7 +96,7 @@ def arguments():
     return args
 
 
-class Examples(Demonstrations):
+class Examples(TrainingFrames):
     """Demonstrations with the batches and statistics of ACT."""
 
     def stats(self):

@@ -44,7 +44,7 @@ with explained(INSTALL):
     from safetensors.torch import save_file
     from torch import nn
 
-    from hypogeum.demonstrations import ACTION, IMAGES, STATE, Demonstrations
+    from hypogeum.demonstrations import ACTION, IMAGES, STATE, TrainingFrames
     from hypogeum.pi05 import UNUSED, Widths, narrow, processors_of
     from hypogeum.robot import state_slice
     from hypogeum.tokenizer import Tokenizer
@@ -174,7 +174,7 @@ def train_tokenizer(instructions, vocabulary):
 # Data
 
 
-class Examples(Demonstrations):
+class Examples(TrainingFrames):
     """Demonstrations with the batches and statistics of π0.5.
 
     Args:

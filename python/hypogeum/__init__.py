@@ -9,17 +9,21 @@ import sys
 _MODULES = {
     "AnswerError": "chunk",
     "Comparison": "comparison",
+    "Demonstration": "dataset",
+    "Demonstrations": "dataset",
     "EnvObservation": "observation",
     "EvaluationError": "program",
     "FrameError": "observation",
     "HypogeumEnv": "envs",
     "HypogeumVectorEnv": "envs",
     "Observation": "observation",
+    "Recording": "recording",
     "Results": "results",
     "Statistics": "host",
     "TemporalEnsemble": "ensemble",
     "evaluate": "evaluation",
     "make_vec": "envs",
+    "record": "recording",
     "serve": "host",
 }
 __all__ = list(_MODULES)

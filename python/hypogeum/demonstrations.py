@@ -14,10 +14,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from .dataset import ACTION, IMAGES, STATE, stored_episodes
 from .images import resize
 
-STATE, INSTRUCTION, ACTION = "observation.state", "observation.environment_state", "action"
-IMAGES = "observation.images."
+INSTRUCTION = "observation.environment_state"
 # Images that a process decodes before it resizes them together.
 N_TOGETHER = 64
 # Seconds between two lines of progress.
@@ -34,7 +34,7 @@ def shuffled(n, seed, epoch):
     return np.random.default_rng([seed, epoch]).permutation(n)
 
 
-class Demonstrations:
+class TrainingFrames:
     """Frames of some tasks: vectors in memory, images memory-mapped in the network's input size.
 
     Args:
@@ -67,8 +67,8 @@ class Demonstrations:
         if not (root / "meta/hypogeum.jsonl").exists():
             sys.exit(f"{root} has no meta/hypogeum.jsonl: expected a dataset of `hypogeum demos`, such as demos/single")
         self.settings = json.loads((root / "meta/hypogeum.json").read_text())
-        files = [json.loads(line) for line in (root / "meta/hypogeum.jsonl").read_text().splitlines()]
-        known = {episode["task"] for episodes in files for episode in episodes}
+        stored = stored_episodes(root)
+        known = {episode["task"] for _, _, episode in stored}
         self.tasks = sorted(set(tasks or known))
         if set(self.tasks) - known:
             sys.exit(f"{root} has no episodes of {', '.join(sorted(set(self.tasks) - known))}")
@@ -82,13 +82,7 @@ class Demonstrations:
             )
         self.cameras = {name: [3, *size_of(*features[name]["shape"][:2])] for name in cameras}
 
-        # A data file has one row group per episode.
-        chosen = [
-            (path, group, episode)
-            for path, episodes in zip(sorted(root.glob("data/*/*.parquet")), files)
-            for group, episode in enumerate(episodes)
-            if episode["task"] in self.tasks
-        ]
+        chosen = [it for it in stored if it[2]["task"] in self.tasks]
         lengths = np.array([episode["n_frames"] for _, _, episode in chosen])
         ends = np.cumsum(lengths)
         self.n_frames = int(ends[-1])

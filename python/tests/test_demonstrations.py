@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch")
 pq = pytest.importorskip("pyarrow.parquet")
 Image = pytest.importorskip("PIL.Image")
 
-from hypogeum.demonstrations import ACTION, IMAGES, STATE, Demonstrations, prefetched  # noqa: E402
+from hypogeum.demonstrations import ACTION, IMAGES, STATE, TrainingFrames, prefetched  # noqa: E402
 from hypogeum.images import to_network  # noqa: E402
 from hypogeum.training import Schedule  # noqa: E402
 
@@ -34,7 +34,7 @@ def root(tmp_path_factory):
 
 def read(root, cache, tasks=None, factor=2, **options):
     cache.mkdir()
-    return Demonstrations(root, tasks, cache, size_of=lambda *sides: [side // factor for side in sides], **options)
+    return TrainingFrames(root, tasks, cache, size_of=lambda *sides: [side // factor for side in sides], **options)
 
 
 def rows(root, tasks):

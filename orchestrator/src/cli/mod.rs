@@ -11,7 +11,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::commands::child::{self, ChildArgs};
 use crate::commands::completions::{self, CompletionsArgs};
-use crate::commands::evaluation::{demos, fps, plan, run};
+use crate::commands::evaluation::{demos, fps, plan, record, run};
 use crate::commands::inspection::{checkpoint, doctor, show, tasks};
 use crate::commands::results::{compare, pack, replay, report, verify};
 use crate::console::exit::{ExitStatus, Failure};
@@ -74,6 +74,9 @@ subcommands! {
     Checkpoint(checkpoint::CheckpointArgs) => checkpoint::checkpoint,
     /// Print a completion script for a shell
     Completions(CompletionsArgs) => |arguments| completions::completions(arguments, Cli::command()),
+    /// Append episodes to a dataset (started by `hypogeum.record` of the Python package)
+    #[command(hide = true)]
+    Record(record::RecordArgs) => record::record,
     /// Simulate (started by `run`)
     #[command(hide = true)]
     Sim(ChildArgs) => child::sim,

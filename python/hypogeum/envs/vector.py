@@ -101,7 +101,8 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         }  # fmt: skip
         morphology = TASKS[self._conditions[0].task]["morphology"]
         with_images = images is not False or render_mode is not None
-        native = _native.Simulator(self.num_envs, morphology, with_images, option_words(options))
+        self._words = option_words(options)
+        native = _native.Simulator(self.num_envs, morphology, with_images, self._words)
         if control_mode not in (None, native.control_mode):
             raise ValueError(f"control_mode: {morphology} robots use {native.control_mode}, found {control_mode!r}")
         self._cameras = _select_cameras(native.cameras, images)

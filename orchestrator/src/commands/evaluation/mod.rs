@@ -3,4 +3,5 @@
 pub(crate) mod demos;
 pub(crate) mod fps;
 pub(crate) mod plan;
+pub(crate) mod record;
 pub(crate) mod run;

@@ -1,7 +1,9 @@
 //! Recording of demonstrations: successful episodes of the experts, as datasets that LeRobot can train on.
 
+mod append;
 mod dataset;
 mod image;
+mod rendering;
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -11,16 +13,17 @@ use std::time::Instant;
 
 use anyhow::Context;
 use ipc_types::Morphology;
-use policy_host::models::act::image::Resizer;
 use rayon::{ScopeFifo, ThreadPoolBuilder};
 use sim::TaskId;
 use sim::demo::{DemoError, Recording};
 use sim::episode::EpisodeSpec;
 use sim::perturb::Language;
-use sim::render::{CpuRenderer, RenderScene};
 use sim::scene::stream::episode_seed;
 
-use self::dataset::{CameraImages, DatasetEpisode, DatasetWriter, EpisodeRecord};
+use self::dataset::{DatasetEpisode, DatasetWriter, EpisodeRecord};
+use self::rendering::{EPISODES_PER_THREAD, render};
+
+pub(crate) use self::append::append;
 pub(crate) use self::dataset::{DatasetSettings, StoredDataset};
 pub(crate) use self::image::ImageFormat;
 use crate::console::exit::ExitStatus;
@@ -28,8 +31,6 @@ use crate::console::output::{print_message, print_out};
 use crate::console::progress::Progress;
 use crate::console::table::{Align, TextTable};
 
-/// Episodes per thread that are being recorded or wait to be written.
-const EPISODES_PER_THREAD: usize = 3;
 /// A task is given up after this many tries per requested demonstration plus [`EXTRA_TRIES`].
 const MAX_TRIES_PER_DEMO: u32 = 10;
 const EXTRA_TRIES: u32 = 20;
@@ -192,7 +193,7 @@ impl DemoPlan {
         stopped: &AtomicBool,
     ) -> anyhow::Result<Option<DatasetEpisode>> {
         let settings = self.settings_of(task.task().morphology);
-        let DatasetSettings { morphology, perturbation, strength, profile, .. } = settings;
+        let DatasetSettings { perturbation, strength, profile, .. } = settings;
         let subject = EpisodeSpec { task, perturbation, strength, profile };
         let seed = episode_seed(settings.seed, task.name(), index);
         let recording = match Recording::of_expert(subject, seed, settings.control_mode) {
@@ -200,36 +201,9 @@ impl DemoPlan {
             Ok(_) | Err(DemoError::Plan(_) | DemoError::Diverged(_)) => return Ok(None),
             Err(error @ DemoError::Mode { .. }) => return Err(error.into()),
         };
-        let mut renderer = CpuRenderer::new(rayon::current_num_threads());
-        let view = RenderScene::new(recording.scene(), settings.protocol.image_size);
-        let sizes = (0..morphology.camera_names().len())
-            .map(|idx| settings.protocol.image_size.of_camera(morphology, idx));
-        let resizers: Vec<Resizer> =
-            sizes.map(|size| Resizer::new(size, settings.stored_size(size))).collect();
-        let mut images: Vec<CameraImages> =
-            morphology.camera_names().iter().map(|_| CameraImages::default()).collect();
-        for frame in 0..recording.n_frames() {
-            if stopped.load(Ordering::Relaxed) {
-                return Ok(None);
-            }
-            let drawn = renderer.render_cameras(&view, recording.snapshot(frame));
-            for ((of_camera, resizer), (size, mut pixels)) in images.iter_mut().zip(&resizers).zip(drawn) {
-                let stored = settings.stored_size(size);
-                if stored != size {
-                    pixels = resizer.resize(&pixels);
-                }
-                of_camera.push(&pixels, settings.images.encode(&pixels, stored)?);
-            }
-        }
-        Ok(Some(DatasetEpisode {
-            task: task.name().to_owned(),
-            instruction: subject.instruction(&self.language, seed),
-            index,
-            fingerprint: recording.fingerprint(),
-            actions: recording.actions().to_vec(),
-            states: recording.states().to_vec(),
-            images,
-        }))
+        let instruction = subject.instruction(&self.language, seed);
+        let images = render(&recording, &settings, stopped)?;
+        Ok(images.map(|images| DatasetEpisode::new(task, instruction, index, &recording, images)))
     }
 }
 

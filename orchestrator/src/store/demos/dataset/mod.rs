@@ -18,6 +18,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use policy_host::text::hashed_embedding;
+use sim::TaskId;
+use sim::demo::Recording;
 
 use self::features::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE};
 use self::journal::{Journal, instructions};
@@ -71,6 +73,27 @@ pub(crate) struct CameraImages {
     /// Encoded images, one per frame.
     files: Vec<Vec<u8>>,
     histograms: [Histogram; 3],
+}
+
+impl DatasetEpisode {
+    /// Returns the episode of a recording, with the images of its frames.
+    pub(crate) fn new(
+        task: TaskId,
+        instruction: String,
+        index: u32,
+        recording: &Recording,
+        images: Vec<CameraImages>,
+    ) -> Self {
+        Self {
+            task: task.name().to_owned(),
+            instruction,
+            index,
+            fingerprint: recording.fingerprint(),
+            actions: recording.actions().to_vec(),
+            states: recording.states().to_vec(),
+            images,
+        }
+    }
 }
 
 impl CameraImages {
