@@ -74,6 +74,10 @@ impl ConstraintRow {
     }
 
     fn set_impulse(&mut self, velocities: &mut [Coordinates], impulse: f32) {
+        // Most points of a pair are a little apart and never push.
+        if impulse == self.impulse {
+            return;
+        }
         self.push(velocities, impulse - self.impulse);
         self.impulse = impulse;
     }
@@ -156,6 +160,9 @@ pub(crate) struct Contact {
 
 impl Contact {
     fn sweep_friction(&mut self, velocities: &mut [Coordinates]) {
+        if self.stop.row.impulse == 0.0 && self.friction.iter().all(|row| row.impulse == 0.0) {
+            return;
+        }
         let wanted = self.friction.each_ref().map(|row| row.impulse - row.mass * row.velocity(velocities));
         let size = (wanted[0] * wanted[0] + wanted[1] * wanted[1]).sqrt();
         let limit = self.coefficient * self.stop.row.impulse;
