@@ -26,7 +26,7 @@ def explained(command):
         sys.exit(f"error: {explanation}")
 
 
-def explain(error, command):
+def explain(error: BaseException, command: str) -> str | None:
     """Return one sentence that says what to install, or None if nothing is missing."""
     # The name of the library in torchcodec's message, which appears whatever the type of its exception is.
     if "libtorchcodec" in str(error):
