@@ -39,8 +39,8 @@ def find_program(program: str | os.PathLike[str] | None = None) -> str:
     found = shutil.which(NAME, path=os.pathsep.join(beside)) or shutil.which(NAME)
     if found is None:
         raise EvaluationError(
-            f"there is no program {NAME!r} beside {sys.executable} or in PATH; build it with `cargo build --release` "
-            f"and set the environment variable {VARIABLE} to target/release/hypogeum, or pass `program`"
+            f"there is no program {NAME!r} beside {sys.executable} or in PATH; `pip install ./python` brings it, or build "
+            f"it with `cargo build --release` and set {VARIABLE} to target/release/hypogeum, or pass `program`"
         )
     return found
 

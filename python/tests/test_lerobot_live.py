@@ -21,7 +21,7 @@ from hypogeum.mapping import MappingError  # noqa: E402
 HYPOGEUM = os.environ.get("HYPOGEUM")
 needs_program = pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM is not set to the binary")
 
-LIMIT_S = 120
+LIMIT_S = 300
 SHORT = {"tasks": "RaiseCube", "episodes": 2, "execute": 8, "options": ("--threads", "1"), "quiet": True}
 
 
