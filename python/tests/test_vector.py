@@ -188,6 +188,7 @@ def test_states_can_be_set():
     assert states[0]["task"] == "PegInsertionSide" and states[0] != states[1]
     observation = env.set_state(states[1])
     assert np.array_equal(observation["state"][0], observation["state"][1])
+    env.set_state([None, {**states[1], "arms": [{key: np.array(it) for key, it in states[1]["arms"][0].items()}]}])
     rows = np.repeat(random_actions(env, 5)[:1], 2, axis=0)
     observation = env.step_chunk(rows)[0]
     assert np.array_equal(observation["state"][0], observation["state"][1])
@@ -197,6 +198,7 @@ def test_states_can_be_set():
         ("arms", [{"qpos": [9.0] * 9}], "arms.0..qpos.0.: expected numbers from"),
         ("bodies", {}, "expected a pose, found nothing"),
         ("colour", 1, "unknown field `colour`"),
+        ("arms", [{"qpos": [float("nan")] * 9}], "not JSON compliant"),
     ]:
         with pytest.raises(ValueError, match=message):
             env.set_state({**states[0], key: value})
@@ -237,6 +239,9 @@ def test_reward_of_an_episode_is_its_success():
         ({"protocol": "colosseum"}, "'colosseum' for '--protocol"),
         ({"image_size": "3x3"}, "expected 64x64 to 1280x960"),
         ({"strength": 2}, "--strength"),
+        ({"threads": 0}, "--threads"),
+        ({"seed": -1}, "seed: expected an integer from 0 to"),
+        ({"seed": 2**64}, "seed: expected an integer from 0 to"),
         ({"language": "/nowhere.yaml"}, "/nowhere.yaml"),
         ({"render_mode": "human"}, "found 'human'"),
         ({"tasks": "DualArmLiftPot", "control_mode": "pd_ee_pose"}, "bimanual robots use pd_joint_pos"),
@@ -270,12 +275,18 @@ def test_wrong_calls_are_named():
         env.step_chunk(row)
     with pytest.raises(ValueError, match="at least one row"):
         env.step_chunk(row[:, None][:, :0])
-    for options, message in [({"episodes": 1}, "'episodes'"), ({"episode": -1}, "found -1"), ({"episode": [1]}, "found 1"),
-                             ({"reset_mask": [1, 0]}, "expected 2 bool")]:  # fmt: skip
+    for options, message in [
+        ({"episodes": 1}, "'episodes'"),
+        ({"episode": -1}, "found -1"),
+        ({"episode": 2**32}, "found 4294967296"),
+        ({"episode": [1]}, "found 1"),
+        ({"reset_mask": [1, 0]}, "expected 2 bool"),
+    ]:
         with pytest.raises(ValueError, match=message):
             env.reset(options=options)
-    with pytest.raises(MemoryError, match="MiB are available"):
-        hypogeum.make_vec("RaiseCube", 10**12)
+    for num_envs, size in [(10**15, None), (10**5, "1280x960")]:
+        with pytest.raises(MemoryError, match="MiB are available"):
+            hypogeum.make_vec("RaiseCube", num_envs, image_size=size)
     env.close()
     env.close()
     with pytest.raises(RuntimeError, match="closed"):

@@ -17,6 +17,8 @@ from .conditions import TASKS, Condition, conditions, option_words
 from .spaces import action_space, observation_space
 
 Observation = dict[str, NDArray[Any]]
+# Largest suite seed and index of an episode.
+MAX_SEED, MAX_EPISODE = 2**64 - 1, 2**32 - 1
 
 
 class EnvHandle:
@@ -114,7 +116,7 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.env_conditions = [self._conditions[i % len(self._conditions)] for i in range(self.num_envs)]
         self.envs = tuple(EnvHandle(self, i) for i in range(self.num_envs))
-        self._seed = seed
+        self._seed = _index("seed", seed, MAX_SEED)
         self._next_episode: Counter[Condition] = Counter()
         self._instructions = [""] * self.num_envs
         self._was_successful = np.zeros(self.num_envs, bool)
@@ -149,10 +151,10 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         if options:
             raise ValueError(f"options: expected episode and reset_mask, found {', '.join(map(repr, options))}")
         if seed is not None:
-            self._seed = _index("seed", seed)
+            self._seed = _index("seed", seed, MAX_SEED)
             self._next_episode.clear()
         if episode is not None and np.ndim(episode) == 0:
-            first = _index("episode", episode)
+            first = _index("episode", episode, MAX_EPISODE)
             self._next_episode = Counter(dict.fromkeys(self._conditions, first))
             episode = None
         if episode is not None and len(episode) != self.num_envs:
@@ -244,7 +246,7 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
                 a trajectory from there.
 
         Raises:
-            ValueError: a state belongs to another task, or has impossible values.
+            ValueError: a state belongs to another task, or has impossible values. Envs before it have been set.
         """
         native = self._open()
         each = [states] * self.num_envs if isinstance(states, dict) else list(states)
@@ -252,7 +254,7 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
             raise ValueError(f"states: expected {self.num_envs}, found {len(each)}")
         for env, state in enumerate(each):
             if state is not None:
-                native.set_state(env, json.dumps(state))
+                native.set_state(env, json.dumps(state, allow_nan=False, default=_plain))
                 self._was_successful[env] = self._is_over[env] = False
         return self._observe(native)
 
@@ -287,7 +289,7 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
                 episode = counts[condition]
                 counts[condition] += 1
             else:
-                episode = _index("episode", episodes[env])
+                episode = _index("episode", episodes[env], MAX_EPISODE)
             starts.append((env, condition.task, condition.perturbation, episode))
         native.reset(starts, self._seed)
         self._next_episode = counts
@@ -329,7 +331,8 @@ def make_vec(tasks: str | Sequence[str], num_envs: int | None = None, **options:
         tasks: Name of a task, or names of tasks of the same robot.
         num_envs: Number of envs; by default one per combination of task and perturbation.
         **options:
-            perturbation: Name, names joined by `+` for several at once, or a list of such.
+            perturbation: Name, names joined by `+` for several at once, or a list of such. `All` is the benchmark's
+                combination of all.
             images: `True` for all cameras, names of some, or `False`. Cameras that are not named are not rendered.
             seed: Suite seed, as `--seed` of a run.
             protocol, control_mode, image_size, instructions, end, profile, strength, language, renderer, samples,
@@ -382,7 +385,14 @@ def _mask(values: ArrayLike, n: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _index(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:
-        raise ValueError(f"{name}: expected a number from 0, found {value!r}")
+def _index(name: str, value: Any, limit: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value <= limit:
+        raise ValueError(f"{name}: expected an integer from 0 to {limit}, found {value!r}")
     return int(value)
+
+
+def _plain(value: Any) -> Any:
+    """Return what JSON can express of an array."""
+    if not isinstance(value, (np.ndarray, np.generic)):
+        raise TypeError(f"a state consists of numbers and texts, found {type(value).__name__}")
+    return value.tolist()

@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use ipc_types::layout::{PAGE_BYTES, block_pages};
 use ipc_types::{ControlMode, ImageSizes, Morphology};
 use rayon::prelude::*;
 use render::{OpenRendererError, RenderError, RenderScene, Renderer, View};
@@ -20,7 +21,8 @@ use crate::predicate::Predicate;
 use crate::tasks::TaskId;
 use crate::trajectory::{TrajectoryError, TrajectoryFile};
 
-/// Memory of an env with and without images in bytes, a little more than measured.
+/// Memory of an env with and without images in bytes, a little more than measured. The caller has two sets of
+/// observations besides.
 const ENV_BYTES: [u64; 2] = [900 << 10, 160 << 10];
 
 /// Parts and rules of a [`VectorEnv`].
@@ -136,7 +138,10 @@ impl VectorEnv {
     /// If the memory does not suffice, sentences cannot be read, or no renderer can be opened.
     pub fn new(options: VectorOptions) -> Result<Self, VectorError> {
         let VectorOptions { n_envs, n_threads, .. } = options;
-        let needed = n_envs as u64 * ENV_BYTES[usize::from(options.images.is_none())];
+        let sizes = options.images.map(|_| options.results.protocol.image_size);
+        let observations = 2 * block_pages(options.morphology, sizes) * PAGE_BYTES;
+        let env_bytes = observations as u64 + ENV_BYTES[usize::from(sizes.is_none())];
+        let needed = (n_envs as u64).saturating_mul(env_bytes);
         let available = available_memory().unwrap_or(u64::MAX);
         if needed > available {
             let [needed_mib, available_mib] = [needed, available].map(|bytes| bytes >> 20);
