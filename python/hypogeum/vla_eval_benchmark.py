@@ -104,9 +104,10 @@ class HypogeumBenchmark(StepBenchmark):
         return {"images": images, "state": raw_obs["state"], "task_description": self._env.task_description}
 
     def get_step_result(self, step_result: StepResult) -> EpisodeResult:
-        """Return `success` (at any step), `success_step` (-1 if none), `fingerprint` and `error` (empty if none)."""
+        """Return `success` (at any step), `first_success_step` (-1 if none), `fingerprint`, and `error` (empty if none)."""
         info = step_result.info
-        return {"success": info["is_success"], **{it: info[it] for it in ("success_step", "fingerprint", "error")}}
+        names = ("first_success_step", "fingerprint", "error")
+        return {"success": info["is_success"], **{name: info[name] for name in names}}
 
     def get_metadata(self) -> dict[str, Any]:
         """Return the longest horizon; an episode ends at that of its task."""
