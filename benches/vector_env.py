@@ -54,7 +54,7 @@ def of_run(policy, n_envs, n_episodes, serve=None):
 
 
 def random_actions(observation):
-    """A policy that looks at nothing."""
+    """Return random actions, whatever the observation is."""
     return np.random.default_rng(0).uniform(-1, 1, (observation.n_envs, 1, observation.action_dim))
 
 

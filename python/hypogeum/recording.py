@@ -190,7 +190,7 @@ class _Recorder:
 
     def step(self, envs: NDArray[np.bool_], actions: NDArray[np.float32]) -> None:
         self._native.step(envs, actions)
-        is_over = self._native.progress()[3]
+        _, is_over, _ = self._native.progress()
         for env in map(int, np.flatnonzero(envs)):
             chunks = self._chunks[env]
             if chunks is None:

@@ -72,9 +72,9 @@ impl Capacity {
     }
 }
 
-/// Returns the memory of an env of a run in bytes, a little more than measured.
+/// Returns the memory of an env of a run in bytes.
 pub(crate) fn env_bytes(plan: &RunPlan) -> u64 {
-    if plan.needs_images() { 900 << 10 } else { 160 << 10 }
+    sim::episode::env_bytes(plan.needs_images())
 }
 
 /// Returns the largest batch that leaves half of the envs to step meanwhile.

@@ -1,13 +1,13 @@
-//! The extension module `hypogeum._native`: the simulator in the memory of a Python process.
+//! The extension module `hypogeum._native`: the simulator inside a Python process.
 //!
-//! It converts arguments and nothing else. `python/hypogeum/vector.py` makes Gymnasium's interface of it.
+//! It only converts arguments. `python/hypogeum/envs/vector.py` wraps it in Gymnasium's interface.
 
 mod arguments;
 mod simulator;
 
 use pyo3::prelude::*;
 
-/// The simulator in the memory of a Python process.
+/// The simulator inside a Python process.
 #[pymodule]
 mod _native {
     use pyo3::prelude::*;

@@ -13,7 +13,7 @@ use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use run_config::error_chain;
-use sim::episode::vector::{EpisodeStart, VectorEnv, VectorError, VectorOptions};
+use sim::episode::vector::{EpisodeProgress, EpisodeStart, VectorEnv, VectorError, VectorOptions};
 use sim::trajectory::TrajectoryFile;
 
 use super::arguments::{composition, morphology, require_finite, run_config, task};
@@ -168,51 +168,34 @@ impl Simulator {
         py.detach(|| envs.observe(named, states, &mut views)).map_err(|error| to_python(&error))
     }
 
-    /// Returns the progress of all envs: `(steps i32, succeeded once, succeeds now, over, won)`, `[num_envs]`
-    /// each.
-    #[expect(clippy::type_complexity, reason = "five arrays")]
-    fn progress<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(
-        Bound<'py, PyArray1<i32>>,
-        Bound<'py, PyArray1<bool>>,
-        Bound<'py, PyArray1<bool>>,
-        Bound<'py, PyArray1<bool>>,
-        Bound<'py, PyArray1<bool>>,
-    )> {
+    /// Returns whether the episode of each env has succeeded, is over, and has ended by its success: three
+    /// arrays of `[num_envs]` bool.
+    fn progress<'py>(&self, py: Python<'py>) -> PyResult<[Bound<'py, PyArray1<bool>>; 3]> {
         let envs = self.lock()?;
         let all = (0..self.n_envs).map(|env| envs.progress(env)).collect::<Result<Vec<_>, _>>();
         let all = all.map_err(|error| to_python(&error))?;
-        let flags = |flag: fn(&sim::episode::vector::EpisodeProgress) -> bool| {
-            PyArray1::from_iter(py, all.iter().map(flag))
-        };
-        Ok((
-            PyArray1::from_iter(py, all.iter().map(|it| it.steps as i32)),
-            flags(|it| it.first_success_step.is_some()),
-            flags(|it| it.unmet.is_none() && it.error.is_none()),
-            flags(|it| it.is_over),
-            flags(|it| it.is_won),
-        ))
+        let flags = |flag: fn(&EpisodeProgress) -> bool| PyArray1::from_iter(py, all.iter().map(flag));
+        Ok([flags(|it| it.first_success_step.is_some()), flags(|it| it.is_over), flags(|it| it.is_won)])
     }
 
-    /// Returns the episode of an env and what has come of it.
+    /// Returns the identity, the progress and the fingerprint of the episode in an env.
     fn info<'py>(&self, py: Python<'py>, env: usize) -> PyResult<Bound<'py, PyDict>> {
         let envs = self.lock()?;
         let (start, instruction) = envs.episode(env).map_err(|error| to_python(&error))?;
         let progress = envs.progress(env).map_err(|error| to_python(&error))?;
+        let fingerprint = envs.fingerprint(env).map_err(|error| to_python(&error))?;
         let dict = PyDict::new(py);
         dict.set_item("task", start.task.name())?;
         dict.set_item("perturbation", start.perturbation.name())?;
         dict.set_item("episode", start.episode)?;
-        dict.set_item("seed", progress.seed)?;
+        dict.set_item("seed", start.seed())?;
         dict.set_item("instruction", instruction)?;
         dict.set_item("steps", progress.steps)?;
         dict.set_item("is_success", progress.first_success_step.is_some() && progress.error.is_none())?;
         dict.set_item("success_at_end", progress.unmet.is_none() && progress.error.is_none())?;
         dict.set_item("first_success_step", progress.first_success_step)?;
         dict.set_item("failed_predicate", progress.unmet)?;
-        dict.set_item("fingerprint", format!("{:016x}", progress.fingerprint))?;
+        dict.set_item("fingerprint", format!("{fingerprint:016x}"))?;
         dict.set_item("error", progress.error.map(|error| error.to_string()))?;
         Ok(dict)
     }
@@ -236,8 +219,8 @@ impl Simulator {
 impl Simulator {
     fn lock(&self) -> PyResult<MutexGuard<'_, VectorEnv>> {
         if process::id() != self.process {
-            let message = "the env was made in another process, whose threads a fork does not have; make it \
-                           after the fork, or start processes by `spawn`";
+            let message = "the env was made in another process, and its threads do not survive a fork; make it \
+                           in the child, or start processes with `spawn`";
             return Err(PyRuntimeError::new_err(message));
         }
         self.envs.try_lock().map_err(|error| match error {
@@ -278,7 +261,7 @@ fn to_python(error: &VectorError) -> PyErr {
         | VectorError::Threads { .. }
         | VectorError::OpenRenderer(_)
         | VectorError::Render(_)
-        | VectorError::NoImages { .. } => PyRuntimeError::new_err(message),
+        | VectorError::NoImages => PyRuntimeError::new_err(message),
         VectorError::Sentences(_)
         | VectorError::Morphology { .. }
         | VectorError::NotApplicable { .. }

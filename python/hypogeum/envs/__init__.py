@@ -1,4 +1,4 @@
-"""The simulator as Gymnasium environments, in the memory of this process."""
+"""The simulator as in-process Gymnasium environments."""
 
 from ..requirements import explain
 

@@ -64,7 +64,7 @@ class HypogeumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self._vector.get_state()[0]
 
     def set_state(self, state: dict[str, Any]) -> Observation:
-        """Put the env into a state; see `HypogeumVectorEnv.set_state`."""
+        """Set the state; see `HypogeumVectorEnv.set_state`."""
         return _first(self._vector.set_state([state]))
 
     def close(self) -> None:

@@ -29,6 +29,7 @@ class EnvHandle:
 
     @property
     def condition(self) -> Condition:
+        """Task and perturbation."""
         return self._vector.env_conditions[self._index]
 
     @property
@@ -54,8 +55,8 @@ class EnvHandle:
 class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
     """Envs of one robot that run tasks under perturbations.
 
-    Env `i` runs condition `i % len(conditions)`, and each condition's episodes in order, so that the episodes that
-    are run do not depend on `num_envs`. An observation is a dict of arrays: `state`, `[num_envs, state_dim]` f32, and
+    Env `i` runs condition `i % len(conditions)`. The episodes of a condition are started in order, whatever `num_envs`
+    is. An observation is a dict of arrays: `state`, `[num_envs, state_dim]` f32, and
     by the name of each camera `[num_envs, height, width, 3]` u8. They are the buffers into which the simulator
     renders. There are two sets, used in turn: what `step` returns stays as it is during the next `step` and shows
     newer data after the one that follows. `copy=True` returns copies instead.
@@ -199,21 +200,15 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         native.step(~pending, chunks)
         if pending.any():
             self._start(native, pending, None)
-        _, succeeded, _, is_over, is_won = native.progress()
+        succeeded, is_over, is_won = native.progress()
         rewards = (succeeded & ~self._was_successful).astype(np.float64)
         terminated, truncated = is_won, is_over & ~is_won
         self._was_successful, self._is_over = succeeded.copy(), is_over.copy()
-        infos: dict[str, Any] = {}
-        if is_over.any():
-            if self._mode is AutoresetMode.SAME_STEP:
-                final = self._final(native, is_over)
-                self._start(native, is_over, None)
-                infos = self._infos(native, is_over)
-                infos.update(final)
-            else:
-                infos = self._infos(native, is_over)
-        if pending.any():
-            infos.update(self._infos(native, pending | is_over))
+        final: dict[str, Any] = {}
+        if self._mode is AutoresetMode.SAME_STEP and is_over.any():
+            final = self._final(native, is_over)
+            self._start(native, is_over, None)
+        infos = self._infos(native, pending | is_over) | final
         infos["is_success"], infos["_is_success"] = succeeded, np.ones(self.num_envs, bool)
         return self._observe(native), rewards, terminated, truncated, infos
 
@@ -238,12 +233,12 @@ class HypogeumVectorEnv(VectorEnv[Observation, ArrayLike, NDArray[Any]]):
         return [json.loads(native.state(env)) for env in range(self.num_envs)]
 
     def set_state(self, states: dict[str, Any] | Sequence[dict[str, Any] | None]) -> Observation:
-        """Put envs into states and return the new observations.
+        """Set the states of envs and return the new observations.
 
         Args:
-            states: A state for all envs, or one per env, or `None` for those that stay as they are. An episode
-                goes on as one that starts in that state: at step 0, not yet successful, and with the fingerprint of
-                a trajectory from there.
+            states: A state for all envs, or a list of one per env, with `None` for those that stay as they are. Only
+                its arms and bodies are used. The episode restarts from there: at step 0, not yet successful, and with
+                the fingerprint of a trajectory from that state.
 
         Raises:
             ValueError: a state belongs to another task, or has impossible values. Envs before it have been set.

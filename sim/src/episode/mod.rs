@@ -1,12 +1,12 @@
-//! Episodes: what defines one, the progress of one, and many side by side in the memory of a caller.
+//! Episodes: their distributions, their progress, and batches of them for a caller in the same process.
 //!
-//! Where the actions come from, and when somebody looks, is left to those who run an episode: `serve`,
-//! `demo`, `show`, and the callers of `vector`.
+//! Whoever runs an episode (`serve`, `demo`, `show`, or a caller of `vector`) supplies the actions and
+//! decides when to observe.
 
 mod spec;
 mod steps;
 pub mod vector;
 
 pub use spec::EpisodeSpec;
-pub use steps::DivergedError;
 pub(crate) use steps::Episode;
+pub use steps::{DivergedError, env_bytes};

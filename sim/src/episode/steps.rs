@@ -1,5 +1,6 @@
 //! The progress of an episode.
 
+use run_config::EpisodeEnd;
 use thiserror::Error;
 
 use crate::physics::fingerprint::Fingerprint;
@@ -14,7 +15,13 @@ pub struct DivergedError {
     pub step: u32,
 }
 
-/// An episode in progress: its world, and what has come of it so far.
+/// Returns the memory of an env with or without images in bytes, a little more than measured.
+#[must_use]
+pub const fn env_bytes(has_images: bool) -> u64 {
+    if has_images { 900 << 10 } else { 160 << 10 }
+}
+
+/// An episode in progress: its world and its outcome so far.
 pub(crate) struct Episode {
     pub(crate) world: World,
     success: Vec<Predicate>,
@@ -67,6 +74,16 @@ impl Episode {
     /// Returns the first step after which all success predicates held, counted from 1.
     pub(crate) const fn first_success_step(&self) -> Option<u32> {
         self.first_success_step
+    }
+
+    /// Returns `true` if the episode has ended by its success.
+    pub(crate) fn is_won(&self, end: EpisodeEnd) -> bool {
+        end == EpisodeEnd::Success && self.first_success_step.is_some()
+    }
+
+    /// Returns `true` if the episode has ended, by its success or after `max_steps`.
+    pub(crate) fn is_over(&self, end: EpisodeEnd, max_steps: u32) -> bool {
+        self.is_won(end) || self.steps >= max_steps
     }
 
     /// Returns the first success predicate that does not hold in the current state.

@@ -1,7 +1,8 @@
-//! Envs in the memory of a caller, who chooses their episodes, gives their actions, and says when to look.
+//! Vectorised environments for a caller in the same process, who assigns episodes to envs, supplies actions
+//! and requests observations.
 //!
-//! `serve` runs the same episodes for policies in other processes. Here nothing is queued and nothing is
-//! waited for: each call works on the envs that it names, in parallel, and returns.
+//! `serve` runs the same episodes for policies in other processes. Here there are no queues and no waiting:
+//! each call works on the selected envs in parallel and returns.
 
 use std::path::Path;
 
@@ -15,24 +16,24 @@ use scene::{Snapshot, stream};
 use thiserror::Error;
 
 use super::spec::EpisodeSpec;
-use super::steps::{DivergedError, Episode};
+use super::steps::{DivergedError, Episode, env_bytes};
 use crate::perturb::{Composition, Language, SentencesError};
+use crate::physics::WorldState;
 use crate::predicate::Predicate;
 use crate::tasks::TaskId;
-use crate::trajectory::{TrajectoryError, TrajectoryFile};
+use crate::trajectory::{ArmFile, BodyFile, SIZE_TOLERANCE, TrajectoryError, TrajectoryFile};
 
-/// Memory of an env with and without images in bytes, a little more than measured. The caller has two sets of
-/// observations besides.
-const ENV_BYTES: [u64; 2] = [900 << 10, 160 << 10];
+/// Sets of observations that the caller keeps for each env.
+const N_BUFFERS: usize = 2;
 
-/// Parts and rules of a [`VectorEnv`].
+/// Options of a [`VectorEnv`].
 #[derive(Clone, Debug)]
 pub struct VectorOptions {
     /// Number of envs.
     pub n_envs: usize,
     /// Morphology of all tasks.
     pub morphology: Morphology,
-    /// Options that change an episode. Their latency has no meaning here.
+    /// Options that change an episode. The latency is not used: the caller decides when a chunk takes effect.
     pub results: ResultOptions,
     /// Options of the renderer; `None` if no image is wanted.
     pub images: Option<ImageOptions>,
@@ -56,25 +57,23 @@ pub enum VectorError {
     OpenRenderer(#[from] OpenRendererError),
     #[error("failed to {0}")]
     Render(#[from] RenderError),
-    #[error("{task} needs {needed} tasks, and these envs are of {found} ones: make another vector env")]
+    #[error("{task} is a {needed} task, but these envs are {found}; make another vector env")]
     Morphology { task: &'static str, needed: &'static str, found: &'static str },
     #[error("{perturbation} does not apply to {task}: {reason}")]
     NotApplicable { task: &'static str, perturbation: &'static str, reason: String },
     #[error("env {env} has no episode yet: reset it first")]
     NotReset { env: usize },
-    #[error("env {env} has no images: it was made without them")]
-    NoImages { env: usize },
+    #[error("the envs have no images: they were made without them")]
+    NoImages,
     #[error(transparent)]
     State(#[from] TrajectoryError),
-    #[error("the state is one of {found}, and env {env} has an episode of {expected}")]
+    #[error("the state belongs to {found}, but env {env} runs an episode of {expected}")]
     OtherTask { env: usize, expected: &'static str, found: String },
-    #[error(
-        "the state has bodies of sizes {found:?}, and those of the episode in env {env} are {expected:?}"
-    )]
+    #[error("the state has bodies of sizes {found:?}, but the episode in env {env} has {expected:?}")]
     OtherSizes { env: usize, expected: Vec<f64>, found: Vec<f64> },
 }
 
-/// The start of an episode in an env.
+/// Identity of an episode, apart from the options of its [`VectorEnv`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EpisodeStart {
     /// Task of the episode.
@@ -85,6 +84,21 @@ pub struct EpisodeStart {
     pub episode: u32,
     /// Suite seed.
     pub suite_seed: u64,
+}
+
+impl EpisodeStart {
+    /// Returns the seed of the episode.
+    #[must_use]
+    pub fn seed(&self) -> u64 {
+        stream::episode_seed(self.suite_seed, self.task.name(), self.episode)
+    }
+}
+
+impl VectorOptions {
+    /// Returns the sizes of the images; `None` without images.
+    fn image_sizes(&self) -> Option<ImageSizes> {
+        self.images.map(|_| self.results.protocol.image_size)
+    }
 }
 
 /// Result of an episode so far.
@@ -102,16 +116,11 @@ pub struct EpisodeProgress {
     pub is_won: bool,
     /// The reason why the episode cannot go on.
     pub error: Option<DivergedError>,
-    /// Hash of the trajectory, as in a results file.
-    pub fingerprint: u64,
-    /// Seed of the episode.
-    pub seed: u64,
 }
 
 /// One env with an episode.
 struct EnvState {
     start: EpisodeStart,
-    seed: u64,
     episode: Episode,
     error: Option<DivergedError>,
     instruction: String,
@@ -138,10 +147,10 @@ impl VectorEnv {
     /// If the memory does not suffice, sentences cannot be read, or no renderer can be opened.
     pub fn new(options: VectorOptions) -> Result<Self, VectorError> {
         let VectorOptions { n_envs, n_threads, .. } = options;
-        let sizes = options.images.map(|_| options.results.protocol.image_size);
-        let observations = 2 * block_pages(options.morphology, sizes) * PAGE_BYTES;
-        let env_bytes = observations as u64 + ENV_BYTES[usize::from(sizes.is_none())];
-        let needed = (n_envs as u64).saturating_mul(env_bytes);
+        let sizes = options.image_sizes();
+        let observation_bytes = block_pages(options.morphology, sizes) * PAGE_BYTES;
+        let bytes_per_env = env_bytes(sizes.is_some()) + (N_BUFFERS * observation_bytes) as u64;
+        let needed = (n_envs as u64).saturating_mul(bytes_per_env);
         let available = available_memory().unwrap_or(u64::MAX);
         if needed > available {
             let [needed_mib, available_mib] = [needed, available].map(|bytes| bytes >> 20);
@@ -181,10 +190,6 @@ impl VectorEnv {
         self.control_mode().action_dim(self.options.morphology)
     }
 
-    fn image_sizes(&self) -> Option<ImageSizes> {
-        self.options.images.map(|_| self.options.results.protocol.image_size)
-    }
-
     /// Starts episodes, each in an env of its own.
     ///
     /// # Errors
@@ -198,10 +203,8 @@ impl VectorEnv {
             self.check(start)?;
         }
         let (options, language) = (&self.options, &self.language);
-        let sizes = self.image_sizes();
-        let build = |(env, start): &(usize, EpisodeStart)| {
-            (*env, Box::new(EnvState::new(*start, options, language, sizes)))
-        };
+        let build =
+            |(env, start): &(usize, EpisodeStart)| (*env, Box::new(EnvState::new(*start, options, language)));
         let built: Vec<_> = self.pool.install(|| starts.par_iter().with_max_len(1).map(build).collect());
         for (env, state) in built {
             self.envs[env] = Some(state);
@@ -228,19 +231,19 @@ impl VectorEnv {
         Ok(self.language.require(task, options.profile)?)
     }
 
-    /// Executes up to `n_rows` action rows in each env of `envs`, until its episode is over. `actions` are
-    /// those of all envs, `[n_envs, n_rows, action_dim]`.
+    /// Executes up to `n_rows` action rows in each env selected by `envs`, `[n_envs]`, until its episode is
+    /// over. `actions` are those of all envs, `[n_envs, n_rows, action_dim]`.
     ///
     /// # Errors
     /// If an env has no episode yet. No env has changed then.
     ///
     /// # Panics
-    /// If there is no such env, or `actions` has another size.
+    /// If `envs` or `actions` has another size.
     pub fn step(&mut self, envs: &[bool], actions: &[f32], n_rows: usize) -> Result<(), VectorError> {
         let row_len = self.action_dim();
         let chunk_len = n_rows * row_len;
         assert_eq!(actions.len(), self.envs.len() * chunk_len, "actions must be those of all envs");
-        self.require(envs.iter().enumerate().filter(|(_, is_named)| **is_named).map(|(env, _)| env))?;
+        self.require(envs)?;
         let end = self.options.results.protocol.end;
         let work = self.envs.par_iter_mut().zip(envs).zip(actions.par_chunks_exact(chunk_len.max(1)));
         self.pool.install(|| {
@@ -253,7 +256,7 @@ impl VectorEnv {
         Ok(())
     }
 
-    /// Writes the observations of some envs at their places among those of all envs. `states` is
+    /// Writes the observations of the selected envs at their places among those of all envs. `states` is
     /// `[n_envs, state_dim]`; `images` has, for each camera whose images are wanted, its index and
     /// `[n_envs, height, width, 3]`.
     ///
@@ -261,23 +264,21 @@ impl VectorEnv {
     /// If an env has no episode yet or no images, or the renderer fails.
     ///
     /// # Panics
-    /// If there is no such env or camera, an env occurs twice, or a buffer has another size.
+    /// If there is no such camera, or a buffer has another size.
     pub fn observe(
         &mut self,
         envs: &[bool],
         states: &mut [f32],
         images: &mut [(usize, &mut [u8])],
     ) -> Result<(), VectorError> {
-        self.require(envs.iter().enumerate().filter(|(_, is_named)| **is_named).map(|(env, _)| env))?;
+        self.require(envs)?;
         let n_envs = self.envs.len();
-        let named = |env: &usize| envs[*env];
         let state_dim = self.options.morphology.state_dim();
         assert_eq!(states.len(), n_envs * state_dim, "states must be those of all envs");
-        for (env, state) in
-            self.envs.iter_mut().zip(states.chunks_exact_mut(state_dim)).zip(envs).filter_map(
-                |((env, state), is_named)| env.as_mut().filter(|_| *is_named).map(|env| (env, state)),
-            )
-        {
+        let selected =
+            self.envs.iter_mut().zip(envs).map(|(env, is_selected)| env.as_mut().filter(|_| *is_selected));
+        for (env, state) in selected.zip(states.chunks_exact_mut(state_dim)) {
+            let Some(env) = env else { continue };
             env.episode.world.write_state(state);
             if !images.is_empty() {
                 env.episode.world.write_snapshot(&mut env.snapshot);
@@ -286,23 +287,25 @@ impl VectorEnv {
         if images.is_empty() {
             return Ok(());
         }
-        let first = (0..n_envs).find(named).unwrap_or(0);
-        let renderer = self.renderer.as_mut().ok_or(VectorError::NoImages { env: first })?;
-        let mut by_env: Vec<Vec<View<'_>>> = (0..n_envs).map(|_| Vec::with_capacity(images.len())).collect();
-        for (camera_idx, buffer) in images {
-            let len = buffer.len() / n_envs.max(1);
-            for (env, out) in buffer.chunks_exact_mut(len.max(1)).enumerate().filter(|(env, _)| envs[*env]) {
-                let state = self.envs[env].as_ref().ok_or(VectorError::NotReset { env })?;
-                let scene = state.view.as_ref().ok_or(VectorError::NoImages { env })?;
-                by_env[env].push(View { scene, snapshot: &state.snapshot, camera_idx: *camera_idx, out });
+        let renderer = self.renderer.as_mut().ok_or(VectorError::NoImages)?;
+        let mut views = Vec::with_capacity(n_envs * images.len());
+        let outs =
+            images.iter_mut().map(|(idx, buffer)| (*idx, buffer.chunks_exact_mut(buffer.len() / n_envs)));
+        let mut outs: Vec<_> = outs.collect();
+        // The views of an env stand together: the renderer prepares it once for all of them.
+        for (env, is_selected) in self.envs.iter().zip(envs) {
+            for (camera_idx, outs) in &mut outs {
+                let out = outs.next().expect("a buffer holds an image of every env");
+                if let (Some(env), true) = (env, *is_selected) {
+                    let scene = env.view.as_ref().ok_or(VectorError::NoImages)?;
+                    views.push(View { scene, snapshot: &env.snapshot, camera_idx: *camera_idx, out });
+                }
             }
         }
-        // The renderer prepares an env once for all its views that follow each other.
-        let mut views: Vec<View<'_>> = by_env.into_iter().flatten().collect();
         Ok(self.pool.install(|| renderer.render(&mut views))?)
     }
 
-    /// Returns what has come of the episode in an env.
+    /// Returns the progress of the episode in an env.
     ///
     /// # Errors
     /// If the env has no episode yet.
@@ -311,7 +314,15 @@ impl VectorEnv {
         self.env(env).map(|state| state.progress(end))
     }
 
-    /// Returns the start of the episode in an env, and its instruction.
+    /// Returns the hash of the trajectory in an env so far, as in a results file.
+    ///
+    /// # Errors
+    /// If the env has no episode yet.
+    pub fn fingerprint(&self, env: usize) -> Result<u64, VectorError> {
+        self.env(env).map(|state| state.episode.fingerprint())
+    }
+
+    /// Returns the identity of the episode in an env, and its instruction.
     ///
     /// # Errors
     /// If the env has no episode yet.
@@ -325,21 +336,22 @@ impl VectorEnv {
     /// If the env has no episode yet.
     pub fn state(&self, env: usize) -> Result<TrajectoryFile, VectorError> {
         let state = self.env(env)?;
-        let (arms, bodies) = TrajectoryFile::of_state(&state.episode.world.state(), &state.bodies);
+        let WorldState { arms, bodies } = state.episode.world.state();
+        let names = state.bodies.iter().map(|name| (*name).to_owned());
         Ok(TrajectoryFile {
             task: state.start.task.name().to_owned(),
             control_mode: self.control_mode().name().to_owned(),
             profile: self.options.results.profile,
             sizes: state.sizes.clone(),
-            arms,
-            bodies,
+            arms: arms.iter().map(ArmFile::of).collect(),
+            bodies: names.zip(bodies.iter().map(BodyFile::of)).collect(),
             actions: Vec::new(),
             recorded: None,
         })
     }
 
-    /// Puts an env into a state. Its episode starts anew there: at step 0, not yet successful, and with the
-    /// fingerprint of a trajectory from that state.
+    /// Sets the arms and bodies of an env. Its episode restarts from there: at step 0, not yet successful,
+    /// and with the fingerprint of a trajectory from that state.
     ///
     /// # Errors
     /// If the env has no episode yet, or if the state belongs to another task or to bodies of other sizes, or
@@ -350,7 +362,7 @@ impl VectorEnv {
         if file.task != task.name() && file.task != task.task().env_id {
             return Err(VectorError::OtherTask { env, expected: task.name(), found: file.task.clone() });
         }
-        let is_near = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-4;
+        let is_near = |(a, b): (&f64, &f64)| (a - b).abs() <= SIZE_TOLERANCE;
         if file.sizes.len() != state.sizes.len() || !file.sizes.iter().zip(&state.sizes).all(is_near) {
             let (expected, found) = (state.sizes.clone(), file.sizes.clone());
             return Err(VectorError::OtherSizes { env, expected, found });
@@ -367,29 +379,24 @@ impl VectorEnv {
         self.envs.get(env).and_then(Option::as_deref).ok_or(VectorError::NotReset { env })
     }
 
-    fn require(&self, mut envs: impl Iterator<Item = usize>) -> Result<(), VectorError> {
-        envs.try_for_each(|env| self.env(env).map(|_| ()))
+    /// Checks that every selected env has an episode.
+    fn require(&self, envs: &[bool]) -> Result<(), VectorError> {
+        let mut selected = (0..envs.len()).filter(|env| envs[*env]);
+        selected.try_for_each(|env| self.env(env).map(drop))
     }
 }
 
 impl EnvState {
-    fn new(
-        start: EpisodeStart,
-        options: &VectorOptions,
-        language: &Language,
-        images: Option<ImageSizes>,
-    ) -> Self {
-        let EpisodeStart { task, perturbation, episode, suite_seed } = start;
+    fn new(start: EpisodeStart, options: &VectorOptions, language: &Language) -> Self {
+        let EpisodeStart { task, perturbation, .. } = start;
         let ResultOptions { profile, strength, control_mode, .. } = options.results;
         let spec = EpisodeSpec { task, perturbation, strength, profile };
-        let seed = stream::episode_seed(suite_seed, task.name(), episode);
-        let scene = spec.draw_with(language, seed);
+        let scene = spec.draw_with(language, start.seed());
         Self {
             start,
-            seed,
             episode: spec.start(&scene, options.morphology.control_mode(control_mode)),
             error: None,
-            view: images.map(|sizes| RenderScene::new(&scene, sizes)),
+            view: options.image_sizes().map(|sizes| RenderScene::new(&scene, sizes)),
             snapshot: Snapshot::identity(scene.bodies.len(), scene.robots.len()),
             bodies: scene.bodies.iter().map(|body| body.name).collect(),
             instruction: scene.instruction,
@@ -406,12 +413,8 @@ impl EnvState {
         }
     }
 
-    fn is_won(&self, end: EpisodeEnd) -> bool {
-        end == EpisodeEnd::Success && self.episode.first_success_step().is_some()
-    }
-
     fn is_over(&self, end: EpisodeEnd) -> bool {
-        self.is_won(end) || self.episode.steps() >= self.start.task.task().max_steps || self.error.is_some()
+        self.error.is_some() || self.episode.is_over(end, self.start.task.task().max_steps)
     }
 
     fn progress(&self, end: EpisodeEnd) -> EpisodeProgress {
@@ -421,10 +424,8 @@ impl EnvState {
             first_success_step: episode.first_success_step(),
             unmet: episode.unmet().map(Predicate::name),
             is_over: self.is_over(end),
-            is_won: self.is_won(end),
+            is_won: episode.is_won(end),
             error: self.error,
-            fingerprint: episode.fingerprint(),
-            seed: self.seed,
         }
     }
 }

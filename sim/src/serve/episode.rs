@@ -128,8 +128,7 @@ impl RunningEpisode {
     }
 
     pub(crate) fn status(&self) -> Status {
-        let is_won = self.end == EpisodeEnd::Success && self.episode.first_success_step().is_some();
-        let is_over = is_won || self.episode.steps() >= self.task.max_steps || self.error.is_some();
+        let is_over = self.episode.is_over(self.end, self.task.max_steps) || self.error.is_some();
         match &self.action_source {
             // The env is free once the answer in flight has been received.
             _ if is_over => {

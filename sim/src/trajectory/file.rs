@@ -44,6 +44,13 @@ pub enum TrajectoryError {
     },
 }
 
+impl TrajectoryError {
+    /// Describes a value that does not fit the task.
+    pub(crate) fn value(path: &Path, key: &str, expected: &str, found: String) -> Self {
+        Self::Value { path: path.into(), key: key.to_owned(), expected: expected.to_owned(), found }
+    }
+}
+
 /// A start state, with the actions that follow and the motion that another simulator recorded for them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -135,12 +142,7 @@ pub fn read_actions(path: &Path, action_dim: usize) -> Result<Vec<f32>, Trajecto
         actions: Vec<Vec<f64>>,
     }
     let ActionsFile { actions } = read_json(path)?;
-    let error = |key: String, expected: String, found: String| TrajectoryError::Value {
-        path: path.into(),
-        key,
-        expected,
-        found,
-    };
+    let error = |key: String, expected: String, found| TrajectoryError::value(path, &key, &expected, found);
     if actions.is_empty() {
         return Err(error("actions".to_owned(), "at least one row".to_owned(), "none".to_owned()));
     }

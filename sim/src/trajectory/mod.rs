@@ -9,4 +9,5 @@ mod start;
 
 pub use file::{ArmFile, BodyFile, RecordedFile, TrajectoryError, TrajectoryFile, read_actions};
 pub use replay::{ArmStep, Replay, Step};
+pub(crate) use start::SIZE_TOLERANCE;
 pub use start::Start;

@@ -1,6 +1,5 @@
 //! Start states: a trajectory file resolved against the task it names.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use ipc_types::ControlMode;
@@ -16,6 +15,8 @@ use scene::robot::panda;
 const NORM_TOLERANCE: f64 = 1e-3;
 /// Distance in rad (joints) and m (fingers) by which recordings of contacts are beyond their limits.
 const LIMIT_TOLERANCE: [f64; 2] = [0.1, 0.01];
+/// Deviation of a body's dimension, since recorded numbers are rounded.
+pub(crate) const SIZE_TOLERANCE: f64 = 1e-4;
 /// Largest speed of a joint in rad/s and of a body in m/s, ten times and more of what the benchmark reaches.
 const MAX_SPEED: f64 = 100.0;
 /// Largest angular speed of a body in rad/s.
@@ -47,12 +48,7 @@ impl Start {
     /// If the task or the control mode is unknown; if an arm, a body or a size is missing or unknown; or if a
     /// number is not a possible value.
     pub fn resolve(file: &TrajectoryFile, path: &Path) -> Result<Self, TrajectoryError> {
-        let error = |key: &str, expected: &str, found: String| TrajectoryError::Value {
-            path: path.into(),
-            key: key.to_owned(),
-            expected: expected.to_owned(),
-            found,
-        };
+        let error = |key: &str, expected: &str, found| TrajectoryError::value(path, key, expected, found);
         let task = TaskId::ALL.iter().find(|it| it.name() == file.task || it.task().env_id == file.task);
         let task = *task.ok_or_else(|| error("task", "the name of a task", format!("{:?}", file.task)))?;
         let mode = ControlMode::ALL.into_iter().find(|mode| mode.name() == file.control_mode);
@@ -93,9 +89,8 @@ fn scene_of_size(task: TaskId, profile: Profile, sizes: &[f64]) -> Result<Scene,
     let mut spec = (task.task().nominal)(profile);
     let drawn = spec.sizes.take();
     let ranges = drawn.as_ref().map_or(&[][..], |drawn| drawn.ranges);
-    // Recorded numbers are rounded.
     let is_within = |(size, (_, range)): (&f64, &(&str, scene::Range))| {
-        (range.lo - 1e-4..=range.hi + 1e-4).contains(size)
+        (range.lo - SIZE_TOLERANCE..=range.hi + SIZE_TOLERANCE).contains(size)
     };
     if sizes.len() != ranges.len() || !sizes.iter().zip(ranges).all(is_within) {
         let names = ranges.iter().map(|(name, range)| format!("{name} in [{}, {}]", range.lo, range.hi));
@@ -131,12 +126,7 @@ impl TrajectoryFile {
         n_arms: usize,
         names: &[&str],
     ) -> Result<WorldState, TrajectoryError> {
-        let error = |key: &str, expected: &str, found: String| TrajectoryError::Value {
-            path: path.into(),
-            key: key.to_owned(),
-            expected: expected.to_owned(),
-            found,
-        };
+        let error = |key: &str, expected: &str, found| TrajectoryError::value(path, key, expected, found);
         if self.arms.len() != n_arms {
             return Err(error("arms", &format!("{n_arms}"), self.arms.len().to_string()));
         }
@@ -155,12 +145,6 @@ impl TrajectoryFile {
         };
         let bodies = names.iter().map(body).collect::<Result<_, _>>()?;
         Ok(WorldState { arms: self.arms.iter().map(ArmFile::state).collect(), bodies })
-    }
-
-    /// Describes the state of a world with bodies of these names.
-    pub(crate) fn of_state(state: &WorldState, names: &[&str]) -> (Vec<ArmFile>, BTreeMap<String, BodyFile>) {
-        let bodies = names.iter().map(|name| (*name).to_owned()).zip(state.bodies.iter().map(BodyFile::of));
-        (state.arms.iter().map(ArmFile::of).collect(), bodies.collect())
     }
 }
 

@@ -51,18 +51,25 @@ pub(crate) struct DemosArgs {
     pub(crate) control_mode: ControlMode,
     #[command(flatten)]
     pub(crate) protocol: ProtocolOptions,
-    /// File format of the images
-    #[arg(long, value_name = "FORMAT", value_enum, ignore_case = true, default_value_t = ImageFormat::Jpeg)]
-    pub(crate) images: ImageFormat,
-    /// Factor by which images are downscaled before they are stored, for policies that read smaller ones
-    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=8))]
-    pub(crate) shrink: u8,
+    #[command(flatten)]
+    pub(crate) stored_images: StoredImageArgs,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "T", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub(crate) threads: Option<u32>,
     /// Show no progress
     #[arg(long)]
     pub(crate) quiet: bool,
+}
+
+/// Arguments on the images in a dataset.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct StoredImageArgs {
+    /// File format of the images
+    #[arg(long, value_name = "FORMAT", value_enum, ignore_case = true, default_value_t = ImageFormat::Jpeg)]
+    pub(crate) images: ImageFormat,
+    /// Factor by which images are downscaled before they are stored, for policies that read smaller ones
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub(crate) shrink: u8,
 }
 
 /// Control modes in which an expert's episode can be recorded.
@@ -75,7 +82,8 @@ const DEMO_MODE_PARSER: NameParser<ControlMode, UnknownName> = NameParser {
 
 /// Records demonstrations until each task has as many as requested.
 pub(crate) fn demos(args: &DemosArgs) -> Result<ExitStatus, Failure> {
-    let &DemosArgs { perturbation, strength, profile, control_mode, seed, images, shrink, .. } = args;
+    let &DemosArgs { perturbation, strength, profile, control_mode, seed, stored_images, .. } = args;
+    let StoredImageArgs { images, shrink } = stored_images;
     let tasks = TaskSelector::select(&args.tasks);
     for &task in &tasks {
         Condition::new(task, perturbation).or_user()?;

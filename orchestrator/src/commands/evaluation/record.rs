@@ -1,4 +1,4 @@
-//! `hypogeum record`: the end of `hypogeum.record` of the Python package that writes the dataset.
+//! `hypogeum record`: the writer of datasets behind `hypogeum.record` of the Python package.
 
 use std::io;
 use std::path::PathBuf;
@@ -8,10 +8,11 @@ use ipc_types::Morphology;
 use run_config::{ResultOptions, RunConfig};
 use sim::perturb::Composition;
 
+use super::demos::StoredImageArgs;
 use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::selection::selectors::PERTURBATION_PARSER;
 use crate::store::build_identity;
-use crate::store::demos::{DatasetSettings, ImageFormat, append};
+use crate::store::demos::{DatasetSettings, append};
 
 /// Arguments of `record`.
 #[derive(Debug, Args)]
@@ -26,19 +27,16 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "NAME", default_value = "None", value_parser = PERTURBATION_PARSER,
         hide_possible_values = true)]
     perturbation: Composition,
-    /// File format of the images
-    #[arg(long, value_name = "FORMAT", value_enum, ignore_case = true, default_value_t = ImageFormat::Jpeg)]
-    images: ImageFormat,
-    /// Factor by which images are downscaled before they are stored
-    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=8))]
-    shrink: u8,
+    #[command(flatten)]
+    stored_images: StoredImageArgs,
     #[command(flatten)]
     config: RunConfig,
 }
 
 /// Appends the episodes on stdin to a dataset.
 pub(crate) fn record(args: &RecordArgs) -> Result<ExitStatus, Failure> {
-    let &RecordArgs { bimanual, perturbation, images, shrink, .. } = args;
+    let &RecordArgs { bimanual, perturbation, stored_images, .. } = args;
+    let StoredImageArgs { images, shrink } = stored_images;
     let &ResultOptions { seed, profile, strength, control_mode, .. } = &args.config.results;
     let morphology = if bimanual { Morphology::Bimanual } else { Morphology::Single };
     let settings = DatasetSettings {

@@ -74,7 +74,7 @@ impl ConstraintRow {
     }
 
     fn set_impulse(&mut self, velocities: &mut [Coordinates], impulse: f32) {
-        // Most points of a pair are a little apart and never push.
+        // Most contact points of a pair are slightly apart and carry no impulse.
         if impulse == self.impulse {
             return;
         }
