@@ -3,6 +3,7 @@
 pub(crate) mod capacity;
 pub(crate) mod jobs;
 pub(crate) mod lanes;
+pub(crate) mod partition;
 pub(crate) mod sweep;
 
 use std::collections::BTreeSet;

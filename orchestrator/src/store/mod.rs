@@ -7,4 +7,5 @@ pub(crate) mod export;
 pub(crate) mod package;
 pub(crate) mod parquet_table;
 pub(crate) mod results;
+pub(crate) mod shards;
 pub(crate) mod stored_episode;

@@ -1,0 +1,69 @@
+//! The folder of the shards of a sweep, beside the results file into which they are merged.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::plan::partition::Shard;
+
+/// Name of the file that says what all shards must agree on.
+const SWEEP: &str = "sweep.json";
+
+/// A folder with the shards of one sweep.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ShardsFolder {
+    path: PathBuf,
+}
+
+impl ShardsFolder {
+    /// Returns the folder of a sweep with this results file: `results.shards` for `results.db`.
+    pub(crate) fn beside(db: &Path) -> Self {
+        Self { path: db.with_extension("shards") }
+    }
+
+    /// Returns a folder that a user has named.
+    pub(crate) fn at(path: &Path) -> Self {
+        Self { path: path.into() }
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns the path of the file that says what all shards must agree on.
+    pub(crate) fn sweep(&self) -> PathBuf {
+        self.path.join(SWEEP)
+    }
+
+    /// Returns the path of a shard's results file.
+    pub(crate) fn results(&self, shard: Shard) -> PathBuf {
+        self.path.join(format!("{}.db", file_stem(shard)))
+    }
+
+    /// Returns the path of a shard's state.
+    pub(crate) fn state(&self, shard: Shard) -> PathBuf {
+        self.path.join(format!("{}.json", file_stem(shard)))
+    }
+
+    /// Returns the results files of the shards that have one, sorted by name.
+    ///
+    /// # Errors
+    /// If the folder cannot be read.
+    pub(crate) fn all_results(&self) -> io::Result<Vec<PathBuf>> {
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(&self.path)? {
+            let path = entry?.path();
+            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+            if name.starts_with("shard-") && name.ends_with(".db") {
+                files.push(path);
+            }
+        }
+        files.sort();
+        Ok(files)
+    }
+}
+
+/// Returns the name of a shard's files without their extension, so that names sort like shards.
+pub(crate) fn file_stem(shard: Shard) -> String {
+    let digits = (shard.count - 1).to_string().len();
+    format!("shard-{:0digits$}-of-{}", shard.index, shard.count)
+}
