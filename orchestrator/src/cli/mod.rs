@@ -11,6 +11,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::commands::child::{self, ChildArgs};
 use crate::commands::completions::{self, CompletionsArgs};
+use crate::commands::distribution::merge;
 use crate::commands::evaluation::{demos, fps, plan, record, run};
 use crate::commands::inspection::{checkpoint, doctor, show, tasks};
 use crate::commands::results::{compare, pack, replay, report, verify};
@@ -50,6 +51,8 @@ subcommands! {
     Run(run::RunArgs) => run::run,
     /// Compare two policies on matched episodes, or a policy with itself under perturbations
     Compare(compare::CompareArgs) => compare::compare,
+    /// Join the results files of shards, and compare episodes that several of them have
+    Merge(merge::MergeArgs) => merge::merge,
     /// Say how many episodes a comparison needs, and how long they take
     Plan(plan::PlanArgs) => plan::plan,
     /// List the task suite

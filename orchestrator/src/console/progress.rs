@@ -76,6 +76,11 @@ impl Progress {
         Self::of("MiB", n, 0, false, false)
     }
 
+    /// Shows the progress of merging `n` rows.
+    pub(crate) fn of_rows(n: u64, quiet: bool) -> Self {
+        Self::of("rows", n, 0, quiet, false)
+    }
+
     fn of(unit: &'static str, n: u64, done: u64, quiet: bool, json: bool) -> Self {
         match (quiet, io::stderr().is_terminal(), json) {
             (true, _, _) | (_, false, true) => Self::Silent,

@@ -7,6 +7,7 @@ use sim::scene::stream::episode_seed;
 use sim::serve::protocol::{Assignment, Driver};
 
 use crate::plan::RunPlan;
+use crate::plan::partition::Part;
 use crate::selection::condition::Condition;
 use crate::store::results::FinishedEpisodes;
 
@@ -80,11 +81,13 @@ impl JobList {
         Self { drivers, len, make: Rc::new(make) }
     }
 
-    /// Lists the episodes of a plan that have not finished. Policies vary fastest and conditions next, so
-    /// that all lanes have work at all times and an interrupted run has some episodes of each condition.
-    pub(crate) fn unfinished(plan: &RunPlan, finished: FinishedEpisodes) -> Self {
+    /// Lists the episodes of a plan, or of a part of it, that have not finished. Policies vary fastest and
+    /// conditions next, so that all lanes have work at all times and an interrupted run has some episodes of
+    /// each condition.
+    pub(crate) fn unfinished(plan: &RunPlan, finished: FinishedEpisodes, part: Option<&Part>) -> Self {
         let drivers = drivers(plan);
-        let len = plan.n_episodes() - finished.len();
+        let len = part.map_or(plan.n_episodes(), Part::len) - finished.len();
+        let part: Option<Rc<Part>> = part.cloned().map(Rc::new);
         let conditions: Rc<[Condition]> = plan.conditions.as_slice().into();
         let (n_episodes, seed, finished) = (plan.episodes, plan.config.results.seed, Rc::new(finished));
         let (n_policies, n_conditions) = (drivers.len(), conditions.len());
@@ -92,7 +95,7 @@ impl JobList {
         let make = move |driver| -> DriverJobs {
             let own = of_policies.iter().enumerate().filter(|(_, other)| **other == driver);
             let own: Rc<[usize]> = own.map(|(idx, _)| idx).collect();
-            let (conditions, finished) = (Rc::clone(&conditions), Rc::clone(&finished));
+            let (conditions, finished, part) = (Rc::clone(&conditions), Rc::clone(&finished), part.clone());
             let indices = (0..n_episodes).flat_map(move |episode| {
                 let own = Rc::clone(&own);
                 (0..n_conditions).flat_map(move |condition_idx| {
@@ -100,8 +103,9 @@ impl JobList {
                     (0..own.len()).map(move |idx| (episode, condition_idx, own[idx]))
                 })
             });
-            let left = indices.filter(move |(episode, condition_idx, policy_idx)| {
-                !finished.contains(*policy_idx, *condition_idx, *episode)
+            let left = indices.filter(move |&(episode, condition_idx, policy_idx)| {
+                !finished.contains(policy_idx, condition_idx, episode)
+                    && part.as_ref().is_none_or(|part| part.contains((policy_idx, condition_idx, episode)))
             });
             Box::new(left.map(move |(episode, condition_idx, policy_idx)| {
                 let cell = u64::from(episode) * n_conditions as u64 + condition_idx as u64;
@@ -170,7 +174,7 @@ mod tests {
             "--policy idle --policy expert --policy random --policy e=expert --tasks RaiseCube,StackCube \
              --perturbations None,MO-Color --episodes 2",
         );
-        let list = JobList::unfinished(&plan, FinishedEpisodes::default());
+        let list = JobList::unfinished(&plan, FinishedEpisodes::default(), None);
         let jobs = in_order(&list);
         assert_eq!((jobs.len() as u64, list.len()), (plan.n_episodes(), plan.n_episodes()));
         let drivers: Vec<Driver> = jobs.iter().take(5).map(|job| job.driver).collect();
@@ -192,7 +196,7 @@ mod tests {
     fn largest_plan_begins_at_once() {
         let policies: String = (0..20).map(|idx| format!("--policy p{idx}=random ")).collect();
         let plan = plan(&format!("{policies}--tasks all --perturbations all --episodes 1000000"));
-        let list = JobList::unfinished(&plan, FinishedEpisodes::default());
+        let list = JobList::unfinished(&plan, FinishedEpisodes::default(), None);
         assert_eq!(list.len(), plan.n_episodes());
         let last = list.drivers().last().unwrap();
         assert_eq!(list.of_driver(last).next().unwrap().0, 19);

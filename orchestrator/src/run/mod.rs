@@ -7,5 +7,6 @@ pub(crate) mod movie;
 pub(crate) mod observer;
 pub(crate) mod playback;
 pub(crate) mod recorder;
+pub(crate) mod sharding;
 pub(crate) mod stopping;
 pub(crate) mod trace_file;

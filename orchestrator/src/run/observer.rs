@@ -9,6 +9,7 @@ use crate::run::live::LiveView;
 use crate::run::recorder::Recorder;
 use crate::run::stopping::Stopping;
 use crate::run::trace_file::TraceFile;
+use crate::store::shards::ShardTask;
 
 /// Everything that follows the events of a run.
 #[derive(Debug)]
@@ -17,10 +18,15 @@ pub(crate) struct RunObserver<'a> {
     pub(crate) stopping: Option<Stopping>,
     pub(crate) live: LiveView,
     pub(crate) trace: Option<TraceFile>,
+    /// The shard that is run, if it is one of a sweep.
+    pub(crate) shard: Option<&'a ShardTask>,
 }
 
 impl Observer for RunObserver<'_> {
     fn on_event(&mut self, event: &FleetEvent<'_>) -> anyhow::Result<()> {
+        if let Some(shard) = self.shard {
+            shard.on_event(event, self.recorder.needs_images())?;
+        }
         self.recorder.on_event(event)?;
         if let (Some(stopping), FleetEvent::EpisodeFinished(job, outcome)) = (&mut self.stopping, event) {
             stopping.on_finished(job, outcome.success());

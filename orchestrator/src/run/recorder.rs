@@ -11,15 +11,20 @@ use crate::console::output::print_message;
 use crate::fleet::{FleetEvent, Totals};
 use crate::plan::RunPlan;
 use crate::plan::jobs::JobList;
+use crate::plan::partition::{Part, Shard, StoredShard};
 use crate::run::stopping::Stopping;
 use crate::store::build_identity;
-use crate::store::results::{ENVIRONMENT, EpisodeKey, Manifest, Results, STOPPING, StoreError};
+use crate::store::results::{ENVIRONMENT, EpisodeKey, Manifest, Results, SHARD, STOPPING, StoreError};
 use crate::study::machine::Machine;
 
 /// Stores the episodes of a run.
 #[derive(Debug)]
 pub(crate) struct Recorder<'a> {
     plan: &'a RunPlan,
+    /// Number of episodes of the plan, or of the shard of it that is run.
+    n_planned: u64,
+    /// That shard.
+    shard: Option<Shard>,
     results: Results,
     started: Instant,
     /// Start of the run, in UTC.
@@ -33,8 +38,8 @@ pub(crate) struct Recorder<'a> {
 }
 
 impl<'a> Recorder<'a> {
-    /// Opens or creates the results file of a plan, and notes the plan in it. Also returns the episodes that
-    /// are left.
+    /// Opens or creates the results file of a plan, or of a part of it, and notes that in it. Also returns the
+    /// episodes that are left.
     ///
     /// # Errors
     /// If the file is not one of this plan, or cannot be read and written.
@@ -42,25 +47,59 @@ impl<'a> Recorder<'a> {
         plan: &'a RunPlan,
         manifest: &Manifest,
         started: Instant,
+        part: Option<&Part>,
     ) -> Result<(Self, JobList), Failure> {
         let results = Results::open(&plan.db, manifest).or_user()?;
         let finished = results.finished(plan)?;
         let n_done = finished.len();
-        let todo = JobList::unfinished(plan, finished);
-        let (db, n_episodes) = (plan.db.display(), plan.n_episodes());
-        print_message(&format!("results: {db} ({n_done} of {n_episodes} episodes done)"));
+        let todo = JobList::unfinished(plan, finished, part);
+        let (db, n_planned) = (plan.db.display(), part.map_or(plan.n_episodes(), Part::len));
+        let shard = part.map_or_else(String::new, |part| format!("shard {}: ", part.shard));
+        print_message(&format!("{shard}results: {db} ({n_done} of {n_planned} episodes done)"));
         results.add_plan(plan)?;
+        if let Some(part) = part {
+            let machine = Machine::detect().to_string();
+            let earlier: Option<StoredShard> = results.metadata(SHARD).or_user()?;
+            let mut machines = earlier.map_or_else(Vec::new, |earlier| earlier.machines);
+            if !machines.contains(&machine) {
+                machines.push(machine);
+            }
+            results.set_metadata(SHARD, &json!(part.stored(machines, words())))?;
+        }
         let (date, n_stored) = (results.now().or_user()?, results.n_finished()?);
-        Ok((Self { plan, results, started, date, n_done, n_finished: 0, n_stored }, todo))
+        Ok((
+            Self {
+                plan,
+                n_planned,
+                shard: part.map(|part| part.shard),
+                results,
+                started,
+                date,
+                n_done,
+                n_finished: 0,
+                n_stored,
+            },
+            todo,
+        ))
     }
 
     pub(crate) fn results(&self) -> &Results {
         &self.results
     }
 
-    /// Returns the number of episodes of the plan that earlier runs have finished.
+    /// Returns the number of episodes of the run, those of earlier runs included.
+    pub(crate) fn n_planned(&self) -> u64 {
+        self.n_planned
+    }
+
+    /// Returns the number of them that earlier runs have finished.
     pub(crate) fn n_done(&self) -> u64 {
         self.n_done
+    }
+
+    /// Returns `true` if any policy reads images.
+    pub(crate) fn needs_images(&self) -> bool {
+        self.plan.needs_images()
     }
 
     /// Applies the plan's rule for early stopping, if it has one, to the episodes so far, and notes it.
@@ -120,14 +159,22 @@ impl<'a> Recorder<'a> {
             return;
         }
         print_message(&self.resume_hint());
-        if let Ok(mut environment @ (Value::Null | Value::Object(_))) = self.results.environment() {
+        if let Ok(mut environment @ (Value::Null | Value::Object(_))) =
+            self.results.metadata(ENVIRONMENT).map(Option::unwrap_or_default)
+        {
             environment["wall_s"] = json!(self.total_wall_s(&environment));
             let _ = self.results.set_metadata(ENVIRONMENT, &environment);
         }
     }
 
     pub(crate) fn resume_hint(&self) -> String {
-        format!("{}: finished episodes are stored; run the same command to resume", self.plan.db.display())
+        match self.shard {
+            Some(shard) => format!("finished episodes are stored; the next task with shard {shard} resumes"),
+            None => format!(
+                "{}: finished episodes are stored; run the same command to resume",
+                self.plan.db.display()
+            ),
+        }
     }
 
     /// Notes the circumstances of the run, unless it had nothing to do, and returns those in the file.
@@ -135,8 +182,8 @@ impl<'a> Recorder<'a> {
     /// # Errors
     /// If the file cannot be read and written.
     pub(crate) fn note_environment(&self, machine: &Machine, totals: &Totals) -> Result<Value, Failure> {
-        let earlier = self.results.environment().or_user()?;
-        if self.n_done == self.plan.n_episodes() {
+        let earlier: Value = self.results.metadata(ENVIRONMENT).or_user()?.unwrap_or_default();
+        if self.n_done == self.n_planned {
             return Ok(earlier);
         }
         let environment = self.environment(machine, totals, &earlier);
@@ -146,12 +193,10 @@ impl<'a> Recorder<'a> {
 
     /// Returns the facts that timings depend on and results do not.
     fn environment(&self, machine: &Machine, totals: &Totals, earlier: &Value) -> Value {
-        let words: Vec<String> =
-            std::env::args_os().skip(1).map(|word| without_credentials(&word.to_string_lossy())).collect();
         let config = &self.plan.config;
         json!({
             "date": self.date,
-            "command": format!("hypogeum {}", words.join(" ")),
+            "command": format!("hypogeum {}", words().join(" ")),
             "commit": build_identity::COMMIT,
             "wall_s": self.total_wall_s(earlier),
             "envs": config.resources.envs,
@@ -169,4 +214,9 @@ impl<'a> Recorder<'a> {
     fn total_wall_s(&self, earlier: &Value) -> f64 {
         earlier["wall_s"].as_f64().unwrap_or(0.0) + self.started.elapsed().as_secs_f64()
     }
+}
+
+/// Returns the words of the command without the program and without credentials.
+fn words() -> Vec<String> {
+    std::env::args_os().skip(1).map(|word| without_credentials(&word.to_string_lossy())).collect()
 }

@@ -4,6 +4,7 @@
 pub(crate) mod build_identity;
 pub(crate) mod demos;
 pub(crate) mod export;
+pub(crate) mod merging;
 pub(crate) mod package;
 pub(crate) mod parquet_table;
 pub(crate) mod results;

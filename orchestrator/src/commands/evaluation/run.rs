@@ -14,14 +14,18 @@ use crate::console::output::{OutputError, print_message, print_out};
 use crate::console::progress::Progress;
 use crate::fleet::RunStatus;
 use crate::plan::RunPlan;
+use crate::plan::partition::Part;
 use crate::plan::sweep::SweepArgs;
 use crate::run::execution::{execute, find_device, resolve};
 use crate::run::live::{LiveView, RunningSuccess};
 use crate::run::observer::RunObserver;
 use crate::run::recorder::Recorder;
+use crate::run::sharding::ShardArgs;
 use crate::run::stopping::{SequentialCell, Stopping};
 use crate::run::trace_file::TraceFile;
+use crate::selection::policy::Identity;
 use crate::store::results::{Manifest, Results};
+use crate::store::shards::ShardTask;
 use crate::study::machine::{Cores, Machine};
 use crate::study::report::{self, Fps};
 
@@ -34,6 +38,8 @@ pub(crate) struct RunArgs {
     pub(crate) file: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) sweep: SweepArgs,
+    #[command(flatten)]
+    pub(crate) sharding: ShardArgs,
     /// Print one JSON object instead of a table
     #[arg(long)]
     pub(crate) json: bool,
@@ -55,23 +61,42 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitStatus, Failure> {
     if args.end_with_stdin {
         interrupt::terminate_at_end_of_input().context("failed to watch the standard input")?;
     }
-    let machine = Machine::detect();
     let mut plan = RunPlan::new(&args.sweep).or_user()?;
     let device = find_device(&plan.policies, &mut plan.config)?;
     let identities = resolve(&mut plan, device.as_deref())?;
     let manifest = Manifest::new(&plan, identities.clone());
     print_notes(&manifest);
-    let (recorder, todo) = Recorder::open(&plan, &manifest, args.started)?;
-    let progress = Progress::of_run(plan.n_episodes(), recorder.n_done(), args.quiet, args.json);
+    match args.sharding.enter(&mut plan, &manifest)? {
+        None => evaluate(args, &plan, &manifest, &identities, None),
+        Some((task, part)) => {
+            let ended = evaluate(args, &plan, &manifest, &identities, Some((&task, &part)));
+            task.finish(ended)
+        }
+    }
+}
+
+/// Runs the episodes of a plan, or of a shard of it.
+fn evaluate(
+    args: &RunArgs,
+    plan: &RunPlan,
+    manifest: &Manifest,
+    identities: &[Identity],
+    shard: Option<(&ShardTask, &Part)>,
+) -> Result<ExitStatus, Failure> {
+    let machine = Machine::detect();
+    let part = shard.map(|(_, part)| part);
+    let (recorder, todo) = Recorder::open(plan, manifest, args.started, part)?;
+    let progress = Progress::of_run(recorder.n_planned(), recorder.n_done(), args.quiet, args.json);
     let mut observer = RunObserver {
         stopping: recorder.stopping()?,
-        live: LiveView::new(progress, RunningSuccess::new(&plan, recorder.results()).or_user()?),
+        live: LiveView::new(progress, RunningSuccess::new(plan, recorder.results()).or_user()?),
         trace: open_trace(plan.config.resources.trace.as_deref()).or_user()?,
         recorder,
+        shard: shard.map(|(task, _)| task),
     };
     let renderer = observer.recorder.renderer()?;
-    let outcome = execute(&plan, &identities, todo, renderer.as_deref(), &mut observer);
-    let RunObserver { recorder, stopping, live, trace } = observer;
+    let outcome = execute(plan, identities, todo, renderer.as_deref(), &mut observer);
+    let RunObserver { recorder, stopping, live, trace, .. } = observer;
     live.finish();
     recorder.check()?;
     let traced = trace.map_or(Ok(()), TraceFile::finish);
@@ -91,7 +116,7 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitStatus, Failure> {
     let mut run = json!(manifest);
     run["environment"] = environment;
     let shown = (args.verbose, args.json.then_some(&run));
-    let status = print_results(&plan, recorder.results(), &conclusions, &fps, shown)?;
+    let status = print_results(plan, recorder.results(), &conclusions, &fps, shown, part.is_some())?;
     traced.or_user()?;
     Ok(status)
 }
@@ -106,13 +131,15 @@ fn print_notes(manifest: &Manifest) {
 }
 
 /// Prints the results of the whole plan: as JSON with the description `run`, or for people without one, and
-/// then with all lines on speed if `verbose`.
+/// then with all lines on speed if `verbose`. The cells of a shard are parts of cells, which tell people
+/// nothing.
 fn print_results(
     plan: &RunPlan,
     results: &Results,
     conclusions: &[SequentialCell],
     fps: &Fps,
     (verbose, run): (bool, Option<&Value>),
+    is_shard: bool,
 ) -> Result<ExitStatus, Failure> {
     let cells = report::cells(plan, results).or_user()?;
     if let Some(run) = run {
@@ -123,7 +150,11 @@ fn print_results(
         print_out(&format!("{report:#}\n"))?;
     } else {
         let speed = if verbose { fps.lines() } else { fps.line() };
-        print_report(plan, &cells, conclusions, &speed)?;
+        if is_shard {
+            print_out(&speed)?;
+        } else {
+            print_report(plan, &cells, conclusions, &speed)?;
+        }
     }
     let errored = cells.iter().any(|cell| cell.sums.errors > 0);
     Ok(if errored { ExitStatus::EpisodeErrors } else { ExitStatus::Success })

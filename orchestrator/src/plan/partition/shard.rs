@@ -133,7 +133,8 @@ impl ShardRequest {
         };
         // Outside arrays, Grid Engine says `undefined` and LSF 0.
         let is_task = |engine: &&Engine| {
-            variable(engine.index).is_some_and(|text| text != "undefined" && (engine.base, text.as_str()) != (1, "0"))
+            variable(engine.index)
+                .is_some_and(|text| text != "undefined" && (engine.base, text.as_str()) != (1, "0"))
         };
         let engine = ENGINES.iter().find(is_task).ok_or(ShardError::NoEngine)?;
         let index = number(engine.index, variable)?.unwrap_or(engine.base);

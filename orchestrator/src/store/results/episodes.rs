@@ -7,13 +7,14 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::types::{Value, ValueRef};
 use rusqlite::{Connection, params, params_from_iter};
+use serde::de::DeserializeOwned;
 use sim::serve::protocol::Outcome;
 
 use crate::plan::RunPlan;
 use crate::selection::condition::{Condition, parse_condition};
 use crate::store::results::columns::{Column, EpisodeKey};
 use crate::store::results::error::{ResultsFileError, StoreError, cause};
-use crate::store::results::manifest::{ENVIRONMENT, Manifest};
+use crate::store::results::manifest::Manifest;
 use crate::store::results::{integrity, manifest, open, schema};
 
 /// An open results file.
@@ -73,13 +74,13 @@ impl Results {
         manifest::add_plan(&self.connection, plan).map_err(|error| self.not_written(error))
     }
 
-    /// Returns the circumstances that earlier runs noted, or null.
+    /// Returns a value that was stored with [`Self::set_metadata`]; `None` if there is none of this type.
     ///
     /// # Errors
-    /// If they cannot be read.
-    pub(crate) fn environment(&self) -> Result<serde_json::Value, StoreError> {
-        let text = manifest::get(&self.connection, ENVIRONMENT).map_err(|error| self.not_read(error))?;
-        Ok(text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default())
+    /// If it cannot be read.
+    pub(crate) fn metadata<T: DeserializeOwned>(&self, key: &str) -> Result<Option<T>, StoreError> {
+        let text = manifest::get(&self.connection, key).map_err(|error| self.not_read(error))?;
+        Ok(text.and_then(|text| serde_json::from_str(&text).ok()))
     }
 
     /// Returns the present date and time in UTC, as ISO 8601 writes it.

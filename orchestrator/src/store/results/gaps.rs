@@ -1,12 +1,14 @@
 //! Episodes that were planned and are not in a results file.
 
 use std::collections::HashMap;
+use std::rc::Rc;
 
 use anyhow::Context;
 
+use crate::plan::partition::{Part, Partition, Shard, StoredShard};
 use crate::selection::condition::{Condition, parse_condition};
 use crate::store::results::file::ResultsFile;
-use crate::store::results::manifest::{PLANS, StoredPlan};
+use crate::store::results::manifest::{PLANS, SHARD, StoredPlan};
 
 /// Planned episodes of one cell that are missing.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,6 +50,7 @@ pub(crate) fn gaps(file: &ResultsFile) -> anyhow::Result<Option<Vec<Gap>>> {
             }
         }
     }
+    let shard = shard(file, plans.first()).with_context(invalid)?;
     let gap = |(policy, condition): (&str, Condition)| {
         let found = found.get(&(policy, condition)).map_or(&[][..], Vec::as_slice);
         let expected = if file.may_end_early(policy) {
@@ -55,10 +58,42 @@ pub(crate) fn gaps(file: &ResultsFile) -> anyhow::Result<Option<Vec<Gap>>> {
         } else {
             planned[&(policy, condition)]
         };
-        let n = expected - found.iter().filter(|episode| **episode < expected).count() as u32;
-        // Rows are sorted by episode, so the first index that is not at its place is missing.
-        let first = (0..expected).find(|idx| found.get(*idx as usize) != Some(idx))?;
-        (n > 0).then(|| Gap { policy: policy.to_owned(), condition, n, first })
+        let is_planned =
+            |episode: &u32| shard.as_ref().is_none_or(|shard| shard.contains(policy, condition, *episode));
+        // Rows are sorted by episode.
+        let is_missing = |episode: &u32| is_planned(episode) && found.binary_search(episode).is_err();
+        let mut missing = (0..expected).filter(is_missing);
+        let first = missing.next()?;
+        Some(Gap { policy: policy.to_owned(), condition, n: 1 + missing.count() as u32, first })
     };
     Ok(Some(cells.into_iter().filter_map(gap).collect()))
+}
+
+/// The episodes of the shard that a file has.
+struct ShardPlan<'a> {
+    part: Part,
+    plan: &'a StoredPlan,
+    conditions: Vec<Condition>,
+}
+
+impl ShardPlan<'_> {
+    fn contains(&self, policy: &str, condition: Condition, episode: u32) -> bool {
+        let policy = self.plan.policies.iter().position(|name| name == policy);
+        let condition = self.conditions.iter().position(|own| *own == condition);
+        policy
+            .zip(condition)
+            .is_some_and(|(policy, condition)| self.part.contains((policy, condition, episode)))
+    }
+}
+
+/// Returns the shard of a file; `None` if it is not one of a sweep.
+fn shard<'a>(file: &ResultsFile, plan: Option<&'a StoredPlan>) -> anyhow::Result<Option<ShardPlan<'a>>> {
+    let (Some(entry), Some(plan)) = (file.manifest.get(SHARD), plan) else { return Ok(None) };
+    let StoredShard { shard, cuts, .. } = serde_json::from_value(entry.clone())?;
+    let shard = Shard::new(u64::from(shard), cuts.first.len() as u64)?;
+    let pair = file.stopping.as_ref().map(|rule| &rule.policies);
+    let conditions = plan.conditions.iter().map(|(task, perturbation)| parse_condition(task, perturbation));
+    let conditions = conditions.collect::<Result<_, _>>()?;
+    let part = Part::new(Rc::new(Partition::of(plan, pair, cuts)), shard);
+    Ok(Some(ShardPlan { part, plan, conditions }))
 }

@@ -53,14 +53,7 @@ pub(crate) fn check_rows(connection: &Connection, path: &Path) -> Result<(), Res
         let mut names = <[String; 3]>::default();
         while let Some(row) = rows.next()? {
             if let Some(finding) = row_finding(row, &mut names)? {
-                let key = |idx| row.get_ref(idx).map_or_else(|_| String::new(), |value| shown(value));
-                return Ok(Some(format!(
-                    "episode {} of {} on {} under {}: {finding}",
-                    key(3),
-                    key(0),
-                    key(1),
-                    key(2)
-                )));
+                return Ok(Some(finding));
             }
         }
         Ok(None)
@@ -71,8 +64,16 @@ pub(crate) fn check_rows(connection: &Connection, path: &Path) -> Result<(), Res
     }
 }
 
-/// Returns what is wrong with a row. `names` are those of the last row without a finding.
-fn row_finding(row: &Row<'_>, names: &mut [String; 3]) -> Result<Option<String>, rusqlite::Error> {
+/// Returns what is wrong with a row, which has all columns up to the checksum. `names` are those of the last
+/// row without a finding.
+pub(crate) fn row_finding(row: &Row<'_>, names: &mut [String; 3]) -> Result<Option<String>, rusqlite::Error> {
+    let key = |idx| row.get_ref(idx).map_or_else(|_| String::new(), shown);
+    let with_key =
+        |finding| format!("episode {} of {} on {} under {}: {finding}", key(3), key(0), key(1), key(2));
+    Ok(value_finding(row, names)?.map(with_key))
+}
+
+fn value_finding(row: &Row<'_>, names: &mut [String; 3]) -> Result<Option<String>, rusqlite::Error> {
     let text = |idx: usize| row.get_ref(idx).map(|value| value.as_str().unwrap_or_default());
     let found = [text(0)?, text(1)?, text(2)?];
     if found.iter().ne(names.iter()) {

@@ -1,7 +1,7 @@
 //! The manifest of a results file: the configuration that its rows depend on. It is compared before rows are
 //! added.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::path::Path;
 
@@ -38,6 +38,9 @@ pub(crate) const PLANS: &str = "plans";
 /// Key of the circumstances of the latest run.
 pub(crate) const ENVIRONMENT: &str = "environment";
 
+/// Key of the shard of which the file has the episodes, if it is one of a sweep.
+pub(crate) const SHARD: &str = "shard";
+
 /// Key of the rule that ended cells early, if any run with the file had one.
 pub(crate) const STOPPING: &str = "stopping";
 
@@ -66,6 +69,35 @@ impl Manifest {
             policies: names.zip(identities).collect(),
         }
     }
+}
+
+/// Entries that describe the circumstances of a run. Results do not depend on them.
+const CIRCUMSTANCES: [&str; 4] = [ENVIRONMENT, PLANS, SHARD, STOPPING];
+
+/// A key whose values differ, with both.
+pub(crate) type DifferingEntry = (String, [Option<Value>; 2]);
+
+/// Returns the entries in which two manifests differ although results depend on them.
+pub(crate) fn differences(first: &Map<String, Value>, second: &Map<String, Value>) -> Vec<DifferingEntry> {
+    let keys: BTreeSet<&String> = first.keys().chain(second.keys()).collect();
+    let compared = keys.into_iter().filter(|key| !CIRCUMSTANCES.contains(&key.as_str()));
+    let differing = compared.filter_map(|key| {
+        let values = [first, second].map(|manifest| option(manifest, key));
+        // A file without policies that read images has no renderer.
+        let is_free = key == RENDERER && values.contains(&None);
+        (values[0] != values[1] && !is_free).then(|| (key.clone(), values))
+    });
+    differing.collect()
+}
+
+/// Returns an entry. A file that was written before an option existed has the results of its default.
+pub(crate) fn option(manifest: &Map<String, Value>, key: &str) -> Option<Value> {
+    manifest.get(key).cloned().or_else(|| defaults().remove(key))
+}
+
+/// Returns the options that results depend on, with their defaults.
+pub(crate) fn defaults() -> Map<String, Value> {
+    entries(&RunConfig::default().results)
 }
 
 /// Returns the options as keys and values. A file is represented by the fingerprint of its content.
@@ -99,7 +131,7 @@ pub(crate) fn reconcile(
     let mut differences = Vec::new();
     let transaction = connection.unchecked_transaction().map_err(sqlite)?;
     let has_rows = has_rows(&transaction).map_err(sqlite)?;
-    let defaults = entries(&RunConfig::default().results);
+    let defaults = defaults();
     let program = [("version", &manifest.version), ("code", &manifest.code)];
     let program = program.map(|(key, value)| (key.to_owned(), Value::from(value.as_str())));
     for (key, requested) in program.into_iter().chain(entries(&manifest.options)) {
@@ -192,7 +224,8 @@ pub(crate) struct StoredPlan {
 }
 
 impl StoredPlan {
-    fn new(plan: &RunPlan) -> Self {
+    /// Stores the names of a plan.
+    pub(crate) fn new(plan: &RunPlan) -> Self {
         let names = |condition: &Condition| (condition.task.name().to_owned(), condition.perturbation.name());
         Self {
             policies: plan.policies.iter().map(|policy| policy.name.clone()).collect(),

@@ -23,12 +23,20 @@ pub(crate) use rusqlite::types::Value;
 
 pub(crate) use self::columns::{Column, EpisodeKey, Values};
 pub(crate) use self::episodes::{CellSums, FinishedEpisodes, Results};
-pub(crate) use self::error::StoreError;
+pub(crate) use self::error::{ResultsFileError, StoreError, not_used};
 pub(crate) use self::file::{EpisodeRow, ResultsFile};
 pub(crate) use self::gaps::{Gap, gaps};
-pub(crate) use self::manifest::{ENVIRONMENT, Manifest, PLANS, STOPPING};
-pub(crate) use self::open::copy_snapshot;
+pub(crate) use self::integrity::row_finding;
+pub(crate) use self::manifest::{
+    DifferingEntry, ENVIRONMENT, Manifest, PLANS, SHARD, STOPPING, StoredPlan, defaults, differences, option,
+    policy_key, put,
+};
+pub(crate) use self::open::{
+    copy_snapshot, create_for_bulk, n_finished_in, open_for_replacement, open_unchecked,
+};
 pub(crate) use self::recorded::RecordedEpisodes;
+pub(crate) use self::rows::read_manifest;
+pub(crate) use self::schema::{COUNT, insert, whole_rows};
 
 #[cfg(test)]
 #[path = "../../../tests/results/mod.rs"]

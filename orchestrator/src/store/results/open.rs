@@ -9,7 +9,7 @@ use rusqlite::{Connection, OpenFlags};
 
 use crate::store::results::error::{ResultsFileError, not_used};
 use crate::store::results::integrity;
-use crate::store::results::schema::{APPLICATION_ID, VERSION, create};
+use crate::store::results::schema::{APPLICATION_ID, VERSION, create, n_finished};
 
 /// Maximum wait for a reader that locks the file.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
@@ -34,31 +34,90 @@ pub(crate) fn open(path: &Path) -> Result<(Connection, File), ResultsFileError> 
 pub(crate) fn open_read_only(path: &Path) -> Result<Connection, ResultsFileError> {
     let sqlite = |source| not_used(path, source);
     let file = file_name(path)?;
-    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let flags =
+        OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX | OpenFlags::SQLITE_OPEN_URI;
     let connection = Connection::open_with_flags(file, flags).map_err(sqlite)?;
     connection.busy_timeout(BUSY_TIMEOUT).map_err(sqlite)?;
     check(&connection, path)?;
     Ok(connection)
 }
 
+/// Opens an existing results file for reading all of its rows, which the caller checks. A file to which no
+/// run writes is read without SQLite's locks, which some network file systems do not grant; the returned
+/// lock keeps runs away where they do.
+pub(crate) fn open_unchecked(path: &Path) -> Result<(Connection, File), ResultsFileError> {
+    let io = |source| ResultsFileError::Io { path: path.into(), source };
+    let lock = run_config::input::open(path).map_err(io)?;
+    let is_free = !matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock));
+    let mut name = uri(&file_name(path)?);
+    if is_free && !is_ahead(path) {
+        name += "?immutable=1";
+    }
+    let flags =
+        OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX | OpenFlags::SQLITE_OPEN_URI;
+    let sqlite = |source| not_used(path, source);
+    let connection = Connection::open_with_flags(name, flags).map_err(sqlite)?;
+    connection.busy_timeout(BUSY_TIMEOUT).map_err(sqlite)?;
+    check_kind(&connection, path)?;
+    // SQLite's own locks are lost when any descriptor of the file is closed, so this one stays open.
+    Ok((connection, lock))
+}
+
+/// Opens a results file that another one is to replace: nobody else may be using it, because a log beside it
+/// would be applied to the new file.
+pub(crate) fn open_for_replacement(path: &Path) -> Result<(Connection, File), ResultsFileError> {
+    let (connection, lock) = open(path)?;
+    close(&connection);
+    if is_ahead(path) {
+        return Err(ResultsFileError::InUse { path: path.into() });
+    }
+    Ok((connection, lock))
+}
+
+/// Creates a results file for many rows at once, without locks and without a journal: it is thrown away unless
+/// it is complete.
+pub(crate) fn create_for_bulk(path: &Path) -> Result<Connection, ResultsFileError> {
+    let sqlite = |source| not_used(path, source);
+    let connection = connect(Path::new(&format!("{}?nolock=1", uri(&file_name(path)?)))).map_err(sqlite)?;
+    for (pragma, value) in [("journal_mode", "OFF"), ("synchronous", "OFF"), ("locking_mode", "EXCLUSIVE")] {
+        connection.pragma_update(None, pragma, value).map_err(sqlite)?;
+    }
+    Ok(connection)
+}
+
 /// Returns `true` for a file in write-ahead mode whose log is not beside it.
 pub(crate) fn lacks_wal(path: &Path) -> bool {
+    let mut log = path.as_os_str().to_owned();
+    log.push("-wal");
+    is_ahead(path) && !Path::new(&log).exists()
+}
+
+/// Returns `true` for a file in write-ahead mode.
+fn is_ahead(path: &Path) -> bool {
     /// Byte of a SQLite file that is 2 in write-ahead mode.
     const WRITE_VERSION: usize = 18;
     let mut header = [0; WRITE_VERSION + 1];
-    let is_ahead = File::open(path).is_ok_and(|mut file| file.read_exact(&mut header).is_ok())
-        && header[WRITE_VERSION] == 2;
-    let mut log = path.as_os_str().to_owned();
-    log.push("-wal");
-    is_ahead && !Path::new(&log).exists()
+    File::open(path).is_ok_and(|mut file| file.read_exact(&mut header).is_ok()) && header[WRITE_VERSION] == 2
 }
 
-/// Copies the state of a results file at this moment into a new file, without free space.
+/// Copies the state of a results file at this moment into a new file, without free space. The new file is
+/// written without locks, which some network file systems do not grant.
 pub(crate) fn copy_snapshot(path: &Path, copy: &Path) -> Result<(), ResultsFileError> {
-    let failed = |error| not_used(path, error);
-    let target = file_name(copy)?;
-    open_read_only(path)?.execute("VACUUM INTO ?1", [target.to_string_lossy()]).map_err(failed)?;
-    Ok(())
+    let target = format!("{}?nolock=1", uri(&file_name(copy)?));
+    let copied = open_read_only(path)?.execute("VACUUM INTO ?1", [target]);
+    copied.map(|_| ()).map_err(|error| not_used(path, error))
+}
+
+/// Returns the number of episodes without an error in a results file.
+pub(crate) fn n_finished_in(path: &Path) -> Result<u64, ResultsFileError> {
+    let count = open_read_only(path)?.query_row(&n_finished(), [], |row| row.get::<_, i64>(0));
+    count.map(i64::unsigned_abs).map_err(|error| not_used(path, error))
+}
+
+/// Returns the URI by which SQLite opens the file at an absolute path.
+fn uri(path: &Path) -> String {
+    let path = path.to_string_lossy().replace('%', "%25").replace('?', "%3f").replace('#', "%23");
+    format!("file:{path}")
 }
 
 /// Ends the write-ahead mode, so that the file can be read without the right to write next to it. If
@@ -76,6 +135,20 @@ fn file_name(path: &Path) -> Result<PathBuf, ResultsFileError> {
 
 /// Checks that this is a results file of the current version, undamaged and unchanged.
 fn check(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
+    check_kind(connection, path)?;
+    let finding: String = connection
+        .query_row("PRAGMA integrity_check(1)", [], |row| row.get(0))
+        .map_err(|source| not_used(path, source))?;
+    if finding == "ok" {
+        return integrity::check_rows(connection, path);
+    }
+    // A line that names the database comes first.
+    let finding = finding.lines().last().unwrap_or_default().to_owned();
+    Err(ResultsFileError::Damaged { path: path.into(), finding })
+}
+
+/// Checks that this is a results file of the current version with our tables and nothing else.
+fn check_kind(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
     // Functions with side effects are for nobody's views, triggers and constraints.
     connection.pragma_update(None, "trusted_schema", false).map_err(|source| not_used(path, source))?;
     let pragma = |name| {
@@ -90,16 +163,7 @@ fn check(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
         VERSION => {}
         found => return Err(ResultsFileError::Version { path: path.into(), found }),
     }
-    integrity::check_schema(connection, path)?;
-    let finding: String = connection
-        .query_row("PRAGMA integrity_check(1)", [], |row| row.get(0))
-        .map_err(|source| not_used(path, source))?;
-    if finding == "ok" {
-        return integrity::check_rows(connection, path);
-    }
-    // A line that names the database comes first.
-    let finding = finding.lines().last().unwrap_or_default().to_owned();
-    Err(ResultsFileError::Damaged { path: path.into(), finding })
+    integrity::check_schema(connection, path)
 }
 
 fn lock(path: &Path) -> Result<File, ResultsFileError> {
@@ -129,8 +193,10 @@ fn lock(path: &Path) -> Result<File, ResultsFileError> {
 /// existing one is not written. A file whose creation was cut off counts as new: SQLite empties it when it is
 /// first read.
 fn connect(path: &Path) -> Result<Connection, rusqlite::Error> {
-    let flags =
-        OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE
+        | OpenFlags::SQLITE_OPEN_CREATE
+        | OpenFlags::SQLITE_OPEN_NO_MUTEX
+        | OpenFlags::SQLITE_OPEN_URI;
     let connection = Connection::open_with_flags(path, flags)?;
     connection.busy_timeout(BUSY_TIMEOUT)?;
     let n_pages: i64 = connection.pragma_query_value(None, "page_count", |row| row.get(0))?;

@@ -82,7 +82,11 @@ impl Texts {
     }
 }
 
-fn read_manifest(
+/// Reads the manifest: everything but the policies, and the policies.
+///
+/// # Errors
+/// If an entry is invalid.
+pub(crate) fn read_manifest(
     connection: &Connection,
 ) -> anyhow::Result<(Map<String, Value>, BTreeMap<String, Identity>)> {
     let mut statement = connection.prepare(schema::MANIFEST)?;

@@ -27,14 +27,12 @@ pub(crate) fn create() -> String {
 
 /// Stores an episode. Only a row with an error is replaced.
 pub(crate) fn record() -> String {
-    let values: Vec<String> = (1..=Column::ALL.len()).map(|number| format!("?{number}")).collect();
     let replaced = Column::ALL.iter().filter(|column| !Column::KEY.contains(column));
     let updates: Vec<String> =
         replaced.map(|column| format!("{name} = excluded.{name}", name = column.name())).collect();
     format!(
-        "INSERT INTO episodes ({}) VALUES ({}) ON CONFLICT DO UPDATE SET {} WHERE episodes.{} IS NOT NULL",
-        names(Column::ALL),
-        values.join(", "),
+        "{} ON CONFLICT DO UPDATE SET {} WHERE episodes.{} IS NOT NULL",
+        insert(),
         updates.join(", "),
         Column::Error.name()
     )
@@ -61,6 +59,17 @@ pub(crate) fn rows() -> String {
         Column::Actions.name(),
         names(&Column::KEY)
     )
+}
+
+/// Selects all episodes with all columns, by their numbers.
+pub(crate) fn whole_rows() -> String {
+    format!("SELECT {} FROM episodes ORDER BY {}", names(Column::ALL), names(&Column::KEY))
+}
+
+/// Inserts an episode that is not there.
+pub(crate) fn insert() -> String {
+    let values: Vec<String> = (1..=Column::ALL.len()).map(|number| format!("?{number}")).collect();
+    format!("INSERT INTO episodes ({}) VALUES ({})", names(Column::ALL), values.join(", "))
 }
 
 /// Selects the episodes that can be replayed: every column before the checksum, by its number.

@@ -3,16 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use run_config::RunConfig;
-use serde_json::{Map, Value};
+use serde_json::Value;
 use thiserror::Error;
 
 use crate::selection::condition::Condition;
 use crate::selection::policy::Identity;
-use crate::store::results::{Column, ENVIRONMENT, EpisodeRow, PLANS, ResultsFile, STOPPING};
+use crate::store::results::{self, Column, DifferingEntry, EpisodeRow, ResultsFile, defaults};
 
-/// Manifest entries that describe the circumstances of a run. Results do not depend on them.
-const CIRCUMSTANCES: [&str; 3] = [ENVIRONMENT, PLANS, STOPPING];
 /// Key of `--across` for policies that differ although their names and checkpoints agree, as foreign hosts
 /// may.
 const POLICY: &str = "policy";
@@ -55,7 +52,7 @@ pub(crate) enum EvaluationError {
         "{} and {} cannot be compared: {}{}",
         files[0].display(), files[1].display(), list(differences), hint(differences)
     )]
-    Manifest { files: Box<[PathBuf; 2]>, differences: Vec<(String, [Option<Value>; 2])> },
+    Manifest { files: Box<[PathBuf; 2]>, differences: Vec<DifferingEntry> },
     #[error("{}: policy `{name}` has episodes, but the manifest does not describe it", path.display())]
     UnknownPolicy { name: String, path: PathBuf },
     #[error(
@@ -86,14 +83,14 @@ fn show(value: Option<&Value>) -> String {
 }
 
 /// Returns the options that differ, each with its values in both files.
-fn list(differences: &[(String, [Option<Value>; 2])]) -> String {
-    let difference = |(key, [first, second]): &(String, [Option<Value>; 2])| {
+pub(crate) fn list(differences: &[DifferingEntry]) -> String {
+    let difference = |(key, [first, second]): &DifferingEntry| {
         format!("{key} is {} in the first and {} in the second", show(first.as_ref()), show(second.as_ref()))
     };
     differences.iter().map(difference).collect::<Vec<_>>().join(", ")
 }
 
-fn hint(differences: &[(String, [Option<Value>; 2])]) -> String {
+fn hint(differences: &[DifferingEntry]) -> String {
     let keys: Vec<&str> = differences.iter().map(|(key, _)| key.as_str()).collect();
     match keys.as_slice() {
         keys if keys.contains(&"version") => String::new(),
@@ -277,23 +274,14 @@ fn has_same_options(first: &ResultsFile, second: &ResultsFile) -> bool {
     keys.all(|key| option(first, &key) == option(second, &key))
 }
 
-/// Returns the options that results depend on, with their defaults.
-fn defaults() -> Map<String, Value> {
-    match serde_json::json!(RunConfig::default().results) {
-        Value::Object(options) => options,
-        _ => unreachable!("a struct becomes an object"),
-    }
-}
-
 /// Returns the names of the options and of the code that results depend on.
 fn option_names() -> Vec<String> {
     defaults().into_iter().map(|(key, _)| key).chain(["code".to_owned()]).collect()
 }
 
-/// Returns an entry of the manifest. A file that was written before an option existed has the results of its
-/// default.
+/// Returns an entry of the manifest of a file.
 fn option(file: &ResultsFile, key: &str) -> Option<Value> {
-    file.manifest.get(key).cloned().or_else(|| defaults().remove(key))
+    results::option(&file.manifest, key)
 }
 
 /// Returns the suite seed of a file.
@@ -314,18 +302,8 @@ fn check_manifests(
     second: &ResultsFile,
     across: &[String],
 ) -> Result<(), EvaluationError> {
-    let mut keys: Vec<&String> = first.manifest.keys().chain(second.manifest.keys()).collect();
-    keys.sort();
-    keys.dedup();
-    let checked =
-        keys.into_iter().filter(|key| !CIRCUMSTANCES.contains(&key.as_str()) && !across.contains(key));
-    let differences = checked.filter_map(|key| {
-        let values = [option(first, key), option(second, key)];
-        // A file without policies that read images has no renderer.
-        let is_free = key == "renderer" && values.contains(&None);
-        (values[0] != values[1] && !is_free).then(|| (key.clone(), values))
-    });
-    let differences: Vec<_> = differences.collect();
+    let mut differences = results::differences(&first.manifest, &second.manifest);
+    differences.retain(|(key, _)| !across.contains(key));
     if differences.is_empty() {
         return Ok(());
     }

@@ -56,7 +56,7 @@ pub(crate) fn measure(
     stop: &StopControl,
 ) -> Result<Option<SpeedPoint>, Failure> {
     let started = Instant::now();
-    let todo = JobList::unfinished(&point.plan, FinishedEpisodes::default());
+    let todo = JobList::unfinished(&point.plan, FinishedEpisodes::default(), None);
     let fleet = fleet(&point.plan, std::slice::from_ref(identity), todo.len(), None, false)?;
     let stopper = fleet.stopper();
     stop.watch(Some(stopper.clone()));

@@ -146,14 +146,7 @@ fn cpu() -> Check {
     const NAME: &str = "CPU";
     let machine = Machine::detect();
     let renderer = CpuRenderer::with_options(1, CpuOptions::default()).name();
-    let detected = |name, is_there: bool| is_there.then_some(name);
-    let features = [
-        detected("fma", std::arch::is_x86_feature_detected!("fma")),
-        detected("avx2", std::arch::is_x86_feature_detected!("avx2")),
-        detected("avx512f", std::arch::is_x86_feature_detected!("avx512f")),
-        detected("avx512vnni", std::arch::is_x86_feature_detected!("avx512vnni")),
-    ];
-    let features: Vec<&str> = features.into_iter().flatten().collect();
+    let features = &machine.vector_extensions;
     let found = format!(
         "{}, {} cores, {}; renderer {renderer}",
         machine.cpu,

@@ -1,6 +1,6 @@
 //! `hypogeum verify`: runs episodes of somebody's results again and compares every column.
 
-mod findings;
+pub(crate) mod findings;
 
 use std::collections::HashMap;
 use std::path::PathBuf;

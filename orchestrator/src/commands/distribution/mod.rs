@@ -1,0 +1,3 @@
+//! Commands for sweeps that many machines share.
+
+pub(crate) mod merge;

@@ -1,0 +1,80 @@
+//! Which episodes of each cell the merged rows have, from which follows which ones are missing.
+
+use std::collections::HashMap;
+use std::rc::Rc;
+
+use anyhow::Context;
+
+use crate::selection::condition::parse_condition;
+use crate::store::merging::manifest::MergedManifest;
+use crate::store::merging::source::CellNames;
+use crate::store::results::{Gap, PLANS};
+
+/// Counts of the cells.
+#[derive(Debug, Default)]
+pub(crate) struct CellTally {
+    cells: HashMap<Rc<CellNames>, FinishedInCell>,
+}
+
+/// The finished episodes of one cell.
+#[derive(Debug, Default)]
+struct FinishedInCell {
+    /// Indices of them, as ranges in ascending order.
+    ranges: Vec<[u32; 2]>,
+}
+
+impl CellTally {
+    /// Adds a row. The rows of a cell come in the order of their episodes.
+    pub(crate) fn add(&mut self, names: &Rc<CellNames>, episode: u32, is_finished: bool) {
+        if !self.cells.contains_key(names) {
+            self.cells.insert(Rc::clone(names), FinishedInCell::default());
+        }
+        let Some(cell) = self.cells.get_mut(names).filter(|_| is_finished) else { return };
+        match cell.ranges.last_mut() {
+            Some([_, end]) if *end == episode => *end += 1,
+            _ => cell.ranges.push([episode, episode + 1]),
+        }
+    }
+
+    /// Returns the planned episodes that are missing; `None` if no plan is known. Of a policy whose cells may
+    /// end early, only episodes before the last one of a cell count.
+    ///
+    /// # Errors
+    /// If a plan names an unknown condition.
+    pub(crate) fn gaps(&self, manifest: &MergedManifest) -> anyhow::Result<Option<Vec<Gap>>> {
+        if manifest.plans.is_empty() {
+            return Ok(None);
+        }
+        let mut planned: Vec<CellNames> = Vec::new();
+        let mut episodes: HashMap<CellNames, u32> = HashMap::new();
+        for plan in &manifest.plans {
+            for policy in &plan.policies {
+                for (task, perturbation) in &plan.conditions {
+                    let names = [policy, task, perturbation].map(String::clone);
+                    let most = episodes.entry(names).or_insert_with_key(|names| {
+                        planned.push(names.clone());
+                        0
+                    });
+                    *most = plan.episodes.max(*most);
+                }
+            }
+        }
+        let mut gaps = Vec::new();
+        for names in planned {
+            let ranges = self.cells.get(&names).map_or(&[][..], |cell| cell.ranges.as_slice());
+            let [policy, task, perturbation] = &names;
+            let ends_early = manifest.stopping.as_ref().is_some_and(|rule| rule.policies.contains(policy));
+            let last = ranges.last().map_or(0, |[_, end]| *end);
+            let expected = if ends_early { last } else { episodes[&names] };
+            let n_found: u32 =
+                ranges.iter().map(|[first, end]| end.min(&expected).saturating_sub(*first)).sum();
+            if n_found < expected {
+                let invalid = || format!("a manifest has no valid {PLANS}");
+                let condition = parse_condition(task, perturbation).with_context(invalid)?;
+                let first = ranges.first().map_or(0, |[first, end]| if *first == 0 { *end } else { 0 });
+                gaps.push(Gap { policy: policy.clone(), condition, n: expected - n_found, first });
+            }
+        }
+        Ok(Some(gaps))
+    }
+}

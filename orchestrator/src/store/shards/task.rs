@@ -1,0 +1,218 @@
+//! A task that runs a shard: its claim on it, its results file on a disk of the node, and its end.
+
+use std::hash::{BuildHasher, RandomState};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, anyhow, bail};
+use rustix::io::Errno;
+use rustix::process::{Pid, test_kill_process};
+use xxhash_rust::xxh3::xxh3_64;
+
+use crate::console::exit::{ExitStatus, Failure, OrUser};
+use crate::console::output::print_message;
+use crate::fleet::FleetEvent;
+use crate::plan::partition::{Part, Shard};
+use crate::store::results::n_finished_in;
+use crate::store::shards::folder::{ShardsFolder, file_stem};
+use crate::store::shards::saver::{BEAT, Saver, ShardPaths, remove_if_there, save};
+use crate::store::shards::state::{ShardPhase, ShardState};
+use crate::study::machine::host_name;
+
+/// Time without a sign of life after which a task counts as killed: more than two beats, and the time for
+/// which network file systems keep what they have read.
+const SILENCE: Duration = Duration::from_secs(3 * BEAT.as_secs() + 5);
+/// Time between two looks at the state of another task.
+const LOOK_INTERVAL: Duration = Duration::from_millis(500);
+
+/// A shard that this process runs.
+#[derive(Debug)]
+pub(crate) struct ShardTask {
+    folder: ShardsFolder,
+    shard: Shard,
+    paths: ShardPaths,
+    saver: Saver,
+    host: String,
+}
+
+impl ShardTask {
+    /// Claims a shard, and restores the results that earlier tasks have saved, on a disk of this node.
+    ///
+    /// # Errors
+    /// If another task runs the shard, or a file cannot be read and written.
+    pub(crate) fn enter(folder: ShardsFolder, part: &Part, scratch: Option<&Path>) -> anyhow::Result<Self> {
+        let (shard, host) = (part.shard, host_name());
+        folder.remove_leftovers(shard);
+        let paths = ShardPaths {
+            scratch: scratch_folder(scratch)?.join(scratch_name(&folder, shard)?),
+            saved: folder.results(shard),
+            state: folder.state(shard),
+        };
+        wait_for_claim(&paths.state, shard, &host)?;
+        let mut state = ShardState {
+            shard: shard.index,
+            shards: shard.count,
+            phase: ShardPhase::Running,
+            host: host.clone(),
+            pid: std::process::id(),
+            // The keys of a `RandomState` are random numbers from the operating system.
+            token: format!("{:016x}", RandomState::new().hash_one(std::process::id())),
+            beat: 0,
+            planned: part.len(),
+            done: 0,
+            done_before: 0,
+            errors: 0,
+            wall_s: 0.0,
+            message: None,
+        };
+        state.write(&paths.state).map_err(|error| folder.not_written(error))?;
+        let n_done = restore(&paths)?;
+        (state.done, state.done_before) = (n_done, n_done);
+        let saver = Saver::start(paths.clone(), state).context("failed to start a thread")?;
+        Ok(Self { folder, shard, paths, saver, host })
+    }
+
+    /// Returns the path of the results file on this node.
+    pub(crate) fn scratch(&self) -> &Path {
+        &self.paths.scratch
+    }
+
+    /// Follows the events of the run.
+    ///
+    /// # Errors
+    /// If this node has another renderer than the other shards, whose images results depend on.
+    pub(crate) fn on_event(&self, event: &FleetEvent<'_>, needs_images: bool) -> anyhow::Result<()> {
+        match event {
+            FleetEvent::EpisodeFinished(_, outcome) => self.saver.on_finished(outcome.error.is_some()),
+            FleetEvent::RendererReady(identity) if needs_images => {
+                self.folder.agree_on_renderer(identity, &self.host)?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Saves the results and the final state, when the results file is closed.
+    ///
+    /// # Errors
+    /// If the run failed, the shard cannot be saved, or another task has taken it over.
+    pub(crate) fn finish(self, ended: Result<ExitStatus, Failure>) -> Result<ExitStatus, Failure> {
+        let Self { folder, shard, paths, saver, .. } = self;
+        let (mut state, is_ours) = saver.end();
+        if !is_ours {
+            return Err(anyhow!("another task has taken shard {shard} over, so this one has ended"))
+                .or_user();
+        }
+        let saved = if paths.scratch.exists() { save(&paths, &state.token) } else { Ok(()) };
+        let in_scratch = || format!("its episodes are in {}", paths.scratch.display());
+        let ended = match (ended, saved) {
+            (Err(failure), _) => Err(failure),
+            (Ok(_), Err(error)) => Err(error.context(in_scratch())).or_user(),
+            (Ok(status), Ok(())) => Ok(status),
+        };
+        state.phase = match &ended {
+            Err(_) => ShardPhase::Failed,
+            Ok(ExitStatus::Interrupted) => ShardPhase::Interrupted,
+            Ok(ExitStatus::Success | ExitStatus::EpisodeErrors) => ShardPhase::Finished,
+        };
+        state.message = ended.as_ref().err().map(Failure::to_string);
+        state.beat += 1;
+        state.write(&paths.state).map_err(|error| folder.not_written(error)).or_user()?;
+        print_message(&format!(
+            "shard {shard}: {} of {} episodes in {}",
+            state.done,
+            state.planned,
+            paths.saved.display()
+        ));
+        if ended.is_ok() {
+            remove_results(&paths.scratch).or_user()?;
+        }
+        ended
+    }
+}
+
+/// Waits until no other task can be running the shard.
+fn wait_for_claim(path: &Path, shard: Shard, host: &str) -> anyhow::Result<()> {
+    let read =
+        || ShardState::read(path).with_context(|| format!("failed to read {}; remove it", path.display()));
+    let is_gone = |state: &ShardState| {
+        let pid = Pid::from_raw(state.pid.cast_signed());
+        state.phase != ShardPhase::Running
+            || state.host == host && pid.is_none_or(|pid| test_kill_process(pid) == Err(Errno::SRCH))
+    };
+    let Some(first) = read()?.filter(|state| !is_gone(state)) else { return Ok(()) };
+    let other = format!("process {} on {}", first.pid, first.host);
+    print_message(&format!(
+        "shard {shard} was being run by {other}; waiting {} s for a sign of life before it is taken over",
+        SILENCE.as_secs()
+    ));
+    let begun = Instant::now();
+    while begun.elapsed() < SILENCE {
+        thread::sleep(LOOK_INTERVAL);
+        let Some(now) = read()?.filter(|state| !is_gone(state)) else { return Ok(()) };
+        if (now.beat, &now.token) != (first.beat, &first.token) {
+            bail!(
+                "shard {shard} is being run by process {} on {}: give every task its own shard, or end the other one",
+                now.pid,
+                now.host
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Returns the folder for the results file of a running shard.
+fn scratch_folder(given: Option<&Path>) -> anyhow::Result<PathBuf> {
+    let of_variable = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_dir());
+    let default = || ["SLURM_TMPDIR", "TMPDIR"].into_iter().find_map(of_variable);
+    let folder = given.map(Path::to_owned).or_else(default).unwrap_or_else(std::env::temp_dir);
+    // It must be possible to write there, which is better known now than after the first episode.
+    tempfile::tempfile_in(&folder).with_context(|| {
+        format!(
+            "failed to write to {}; name a folder on a disk of this node with --scratch",
+            folder.display()
+        )
+    })?;
+    Ok(folder)
+}
+
+/// Returns a file name that belongs to one shard of one sweep.
+fn scratch_name(folder: &ShardsFolder, shard: Shard) -> anyhow::Result<String> {
+    let path = std::fs::canonicalize(folder.path())?;
+    let sweep = [path.as_os_str().as_encoded_bytes(), &std::fs::read(folder.sweep())?].concat();
+    Ok(format!("hypogeum-{:016x}-{}.db", xxh3_64(&sweep), file_stem(shard)))
+}
+
+/// Puts what earlier tasks have finished into the scratch file. Returns the number of episodes.
+fn restore(paths: &ShardPaths) -> anyhow::Result<u64> {
+    let saved = if paths.saved.exists() { Some(n_finished_in(&paths.saved)?) } else { None };
+    // A task that was killed on this node has left more there than it had saved.
+    let left = if paths.scratch.exists() { n_finished_in(&paths.scratch).ok() } else { None };
+    match (saved, left) {
+        (saved, Some(left)) if left >= saved.unwrap_or(0) => return Ok(left),
+        _ => remove_results(&paths.scratch)?,
+    }
+    if saved.is_some() {
+        let copied = std::fs::copy(&paths.saved, &paths.scratch);
+        copied.with_context(|| {
+            format!(
+                "failed to copy {} to {}; name another folder with --scratch",
+                paths.saved.display(),
+                paths.scratch.display()
+            )
+        })?;
+    }
+    Ok(saved.unwrap_or(0))
+}
+
+/// Removes a results file with its log.
+fn remove_results(path: &Path) -> io::Result<()> {
+    for suffix in ["", "-wal", "-shm", "-journal"] {
+        let mut name = path.as_os_str().to_owned();
+        name.push(suffix);
+        remove_if_there(Path::new(&name))?;
+    }
+    Ok(())
+}
