@@ -36,7 +36,7 @@ pub fn core_bounds() -> Vec<ResourceBound<f64>> {
     // The mask has room for 1024 cores. Of more, the standard library can tell.
     let n_cores = mask.or_else(|| Some(std::thread::available_parallelism().ok()?.get() as f64));
     let mask = n_cores.map(|limit| ResourceBound::new(limit, limit, "the affinity mask"));
-    mask.into_iter().chain(quotas(Path::new(ROOT))).chain(slurm_cores(&variable)).collect()
+    mask.into_iter().chain(quotas(Path::new(ROOT))).chain(batch_cores(&variable)).collect()
 }
 
 /// Returns the core-seconds since the start of the machine in which cores of the affinity mask were idle;
@@ -96,11 +96,17 @@ fn variable(name: &str) -> Option<String> {
     std::env::var(name).ok()
 }
 
-/// Returns the cores of a Slurm task, or of its job on this node. `variable` reads the environment.
-fn slurm_cores(variable: &dyn Fn(&str) -> Option<String>) -> Option<ResourceBound<f64>> {
-    ["SLURM_CPUS_PER_TASK", "SLURM_CPUS_ON_NODE"].into_iter().find_map(|name| {
-        let count: f64 = variable(name)?.parse().ok().filter(|count| *count > 0.0)?;
-        Some(ResourceBound::new(count, count, name))
+/// Returns the cores that a batch system gives to a task: Slurm (or to its job on this node), Grid Engine, LSF,
+/// PBS, or HyperQueue, which names each core. `variable` reads the environment.
+fn batch_cores(variable: &dyn Fn(&str) -> Option<String>) -> Option<ResourceBound<f64>> {
+    // `NCPUS` alone may be anybody's.
+    let is_pbs = variable("PBS_JOBID").is_some();
+    let names =
+        ["SLURM_CPUS_PER_TASK", "SLURM_CPUS_ON_NODE", "NSLOTS", "LSB_DJOB_NUMPROC", "NCPUS", "HQ_CPUS"];
+    names.into_iter().filter(|name| is_pbs || *name != "NCPUS").find_map(|name| {
+        let text = variable(name)?;
+        let count = if name == "HQ_CPUS" { text.split(',').count() as f64 } else { text.parse().ok()? };
+        (count > 0.0).then(|| ResourceBound::new(count, count, name))
     })
 }
 
@@ -312,12 +318,16 @@ mod tests {
                 variables.iter().find(|(key, _)| *key == name).map(|(_, value)| (*value).to_owned())
             };
             let bytes = slurm_memory(&read).map(|bound| bound.limit >> 20);
-            (slurm_cores(&read).map(|bound| bound.limit), bytes)
+            (batch_cores(&read).map(|bound| bound.limit), bytes)
         };
         assert_eq!(of(&[]), (None, None));
         assert_eq!(of(&[("SLURM_CPUS_PER_TASK", "3"), ("SLURM_CPUS_ON_NODE", "8")]), (Some(3.0), None));
         assert_eq!(of(&[("SLURM_CPUS_ON_NODE", "8"), ("SLURM_MEM_PER_CPU", "500")]), (Some(8.0), Some(4000)));
         assert_eq!(of(&[("SLURM_MEM_PER_NODE", "0"), ("SLURM_CPUS_PER_TASK", "x")]), (None, None));
+        assert_eq!(of(&[("HQ_CPUS", "0,2,5")]), (Some(3.0), None));
+        assert_eq!(of(&[("NSLOTS", "4")]), (Some(4.0), None));
+        assert_eq!(of(&[("NCPUS", "4")]), (None, None));
+        assert_eq!(of(&[("PBS_JOBID", "1.host"), ("NCPUS", "4")]), (Some(4.0), None));
     }
 
     #[test]

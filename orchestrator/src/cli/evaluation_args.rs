@@ -9,13 +9,14 @@ use crate::console::exit::{Failure, OrUser};
 use crate::console::output::print_message;
 use crate::plan::sweep::{DEFAULT_LEVELS, parse_level, parse_margin};
 use crate::statistics::Levels;
+use crate::store::shards::results_files;
 use crate::study::analysis::{Evaluation, Metric, read_files};
 
 /// The results to analyse, and the level of the conclusions.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct EvaluationArgs {
-    /// Results files of `run`
-    #[arg(value_name = "RESULTS.db", required = true)]
+    /// Results files of `run`, or folders of shards
+    #[arg(value_name = "RESULTS.db|DIR", required = true)]
     pub(crate) files: Vec<PathBuf>,
     /// Options that may differ between the files although results depend on them, such as `latency`; `seed`
     /// pools the episodes of several seeds, and `policy` tells policies apart by their files although their
@@ -36,7 +37,7 @@ pub(crate) struct EvaluationArgs {
 impl EvaluationArgs {
     /// Reads and merges the files, and tells of any that a run is still writing to.
     pub(crate) fn read(&self) -> Result<Evaluation, Failure> {
-        let files = read_files(&self.files).or_user()?;
+        let files = read_files(&results_files(&self.files).or_user()?).or_user()?;
         for file in files.iter().filter(|file| file.in_use) {
             print_message(&format!(
                 "{}: a run is writing to it; this covers the {} episodes finished so far",

@@ -114,7 +114,8 @@ mod tests {
     fn n_of_faster(in_step: bool) -> usize {
         let arguments = "--policy idle --policy random --tasks RaiseCube --episodes 200";
         let plan = RunPlan::new(&SweepArgs::parse(arguments).unwrap()).unwrap();
-        let mut queue = JobQueue::new(&JobList::unfinished(&plan, FinishedEpisodes::default()), in_step);
+        let mut queue =
+            JobQueue::new(&JobList::unfinished(&plan, FinishedEpisodes::default(), None), in_step);
         let mut n_finished = 0;
         while let Some(job) = queue.next(10, &mut |_| true) {
             if job.driver == Driver::Lane(0) {

@@ -96,7 +96,7 @@ impl TestFleet {
         let started = Instant::now();
         let arguments = format!("--policy {policies} --tasks RaiseCube --episodes {N_JOBS}");
         let plan = RunPlan::new(&SweepArgs::parse(&arguments).unwrap()).unwrap();
-        let jobs = JobList::unfinished(&plan, FinishedEpisodes::default());
+        let jobs = JobList::unfinished(&plan, FinishedEpisodes::default(), None);
         let fleet = Fleet::new(self.config.clone());
         let stopper = fleet.stopper();
         let (mut finished, mut errors, mut log) = (Vec::new(), Vec::new(), Vec::new());

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 
@@ -15,7 +15,7 @@ use crate::console::output::{print_message, print_out};
 use crate::console::progress::Progress;
 use crate::console::table::{Align, TextTable};
 use crate::store::merging::{MergeObserver, MergeOutcome, merge as merge_files};
-use crate::store::shards::ShardsFolder;
+use crate::store::shards::results_files;
 
 /// Options of `run` that say where results go or which shard is run, and whether a value follows.
 const NOT_REPEATED: [&str; 5] = ["--db", "--shard", "--scratch", "--audit", "--costs"];
@@ -39,7 +39,7 @@ pub(crate) struct MergeArgs {
 
 /// Merges the files, and says what is missing, what was compared and what differs.
 pub(crate) fn merge(args: &MergeArgs) -> Result<ExitStatus, Failure> {
-    let inputs = expand(&args.inputs).or_user()?;
+    let inputs = results_files(&args.inputs).or_user()?;
     raise_file_limit();
     let stop = Arc::new(AtomicBool::new(false));
     let stopper = Arc::clone(&stop);
@@ -62,28 +62,6 @@ pub(crate) fn merge(args: &MergeArgs) -> Result<ExitStatus, Failure> {
     let is_complete = outcome.gaps.as_ref().is_none_or(Vec::is_empty) && outcome.n_errors == 0;
     let is_done = is_complete && outcome.n_contradictions == 0;
     Ok(if is_done { ExitStatus::Success } else { ExitStatus::EpisodeErrors })
-}
-
-/// Replaces folders by the shards in them.
-pub(crate) fn expand(inputs: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
-    let mut files = Vec::new();
-    for input in inputs {
-        if !input.is_dir() {
-            files.push(input.clone());
-            continue;
-        }
-        let shown = input.display();
-        let shards = ShardsFolder::at(input)
-            .all_results()
-            .with_context(|| format!("failed to read the folder {shown}"))?;
-        if shards.is_empty() {
-            bail!(
-                "{shown} has no results of shards (shard-I-of-N.db); `hypogeum status {shown}` says how far they are"
-            );
-        }
-        files.extend(shards);
-    }
-    Ok(files)
 }
 
 /// Allows as many open files as the system lets this user have: each shard is one.

@@ -219,13 +219,13 @@ mod tests {
         insta::assert_snapshot!(wrong("16/16", ""), @"there are 16 shards, numbered from 0 to 15; found 16");
         insta::assert_snapshot!(wrong("0/0", ""), @"the number of shards is 0, expected 1 to 100000");
         insta::assert_snapshot!(wrong("3", ""), @"expected I/N, for example 0/16, or auto or auto/N in a task of an array");
-        insta::assert_snapshot!(wrong("auto", ""), @"");
-        insta::assert_snapshot!(wrong("auto", "HQ_TASK_ID=x"), @"");
-        insta::assert_snapshot!(wrong("auto", "HQ_TASK_ID=1"), @"");
-        insta::assert_snapshot!(wrong("auto/4", "HQ_TASK_ID=4"), @"");
+        insta::assert_snapshot!(wrong("auto", ""), @"--shard auto found none of SLURM_ARRAY_TASK_ID, HQ_TASK_ID, JOB_COMPLETION_INDEX, PBS_ARRAY_INDEX, PBS_ARRAYID, SGE_TASK_ID, LSB_JOBINDEX: start it as a task of an array, or name the shard as I/N");
+        insta::assert_snapshot!(wrong("auto", "HQ_TASK_ID=x"), @"--shard auto: HQ_TASK_ID is `x`, expected a whole number");
+        insta::assert_snapshot!(wrong("auto", "HQ_TASK_ID=1"), @"--shard auto: HQ_TASK_ID says which shard this is, but not of how many; say it as --shard auto/N");
+        insta::assert_snapshot!(wrong("auto/4", "HQ_TASK_ID=4"), @"there are 4 shards, numbered from 0 to 3; found 4");
         let some = "SLURM_ARRAY_TASK_ID=7 SLURM_ARRAY_TASK_MIN=1 SLURM_ARRAY_TASK_MAX=7 SLURM_ARRAY_TASK_STEP=1 \
              SLURM_ARRAY_TASK_COUNT=2";
-        insta::assert_snapshot!(wrong("auto", some), @"");
-        insta::assert_snapshot!(wrong("auto", &some.replace("MIN=1", "MIN=7")), @"");
+        insta::assert_snapshot!(wrong("auto", some), @"--shard auto: SLURM_ARRAY_TASK_ID says which shard this is, but the array has 2 of 7 tasks; say it as --shard auto/N");
+        insta::assert_snapshot!(wrong("auto", &some.replace("MIN=1", "MIN=7")), @"--shard auto: SLURM_ARRAY_TASK_ID says which shard this is, but the array begins at 7; say it as --shard auto/N");
     }
 }

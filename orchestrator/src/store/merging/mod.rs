@@ -78,6 +78,19 @@ pub(crate) trait MergeObserver {
     fn is_stopped(&self) -> bool;
 }
 
+/// Follows nothing and ends nothing.
+pub(crate) struct Unwatched;
+
+impl MergeObserver for Unwatched {
+    fn begin(&mut self, _: u64) {}
+
+    fn on_rows(&mut self, _: u64) {}
+
+    fn is_stopped(&self) -> bool {
+        false
+    }
+}
+
 /// Merges files into the one at `out`, which may have rows already: none of them is lost or changed, unless
 /// it has an error. Nothing is written if rows contradict each other, or nothing is new.
 ///

@@ -32,13 +32,8 @@ pub(crate) fn open(path: &Path) -> Result<(Connection, File), ResultsFileError> 
 
 /// Opens an existing results file for reading. Another process may be writing to it.
 pub(crate) fn open_read_only(path: &Path) -> Result<Connection, ResultsFileError> {
-    let sqlite = |source| not_used(path, source);
-    let file = file_name(path)?;
-    let flags =
-        OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX | OpenFlags::SQLITE_OPEN_URI;
-    let connection = Connection::open_with_flags(file, flags).map_err(sqlite)?;
-    connection.busy_timeout(BUSY_TIMEOUT).map_err(sqlite)?;
-    check(&connection, path)?;
+    let connection = open_for_reading(path, false)?;
+    check_rows(&connection, path)?;
     Ok(connection)
 }
 
@@ -49,16 +44,7 @@ pub(crate) fn open_unchecked(path: &Path) -> Result<(Connection, File), ResultsF
     let io = |source| ResultsFileError::Io { path: path.into(), source };
     let lock = run_config::input::open(path).map_err(io)?;
     let is_free = !matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock));
-    let mut name = uri(&file_name(path)?);
-    if is_free && !is_ahead(path) {
-        name += "?immutable=1";
-    }
-    let flags =
-        OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX | OpenFlags::SQLITE_OPEN_URI;
-    let sqlite = |source| not_used(path, source);
-    let connection = Connection::open_with_flags(name, flags).map_err(sqlite)?;
-    connection.busy_timeout(BUSY_TIMEOUT).map_err(sqlite)?;
-    check_kind(&connection, path)?;
+    let connection = open_for_reading(path, is_free && !is_ahead(path))?;
     // SQLite's own locks are lost when any descriptor of the file is closed, so this one stays open.
     Ok((connection, lock))
 }
@@ -66,12 +52,27 @@ pub(crate) fn open_unchecked(path: &Path) -> Result<(Connection, File), ResultsF
 /// Opens a results file that another one is to replace: nobody else may be using it, because a log beside it
 /// would be applied to the new file.
 pub(crate) fn open_for_replacement(path: &Path) -> Result<(Connection, File), ResultsFileError> {
-    let (connection, lock) = open(path)?;
-    close(&connection);
+    if is_ahead(path) {
+        let (connection, _lock) = open(path)?;
+        close(&connection);
+    }
+    let lock = lock(path)?;
     if is_ahead(path) {
         return Err(ResultsFileError::InUse { path: path.into() });
     }
-    Ok((connection, lock))
+    Ok((open_for_reading(path, true)?, lock))
+}
+
+/// Opens a results file whose rows the caller checks, and without SQLite's locks if it is `immutable`.
+fn open_for_reading(path: &Path, immutable: bool) -> Result<Connection, ResultsFileError> {
+    let name = uri(&file_name(path)?) + if immutable { "?immutable=1" } else { "" };
+    let flags =
+        OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX | OpenFlags::SQLITE_OPEN_URI;
+    let sqlite = |source| not_used(path, source);
+    let connection = Connection::open_with_flags(name, flags).map_err(sqlite)?;
+    connection.busy_timeout(BUSY_TIMEOUT).map_err(sqlite)?;
+    check_kind(&connection, path)?;
+    Ok(connection)
 }
 
 /// Creates a results file for many rows at once, without locks and without a journal: it is thrown away unless
@@ -136,6 +137,11 @@ fn file_name(path: &Path) -> Result<PathBuf, ResultsFileError> {
 /// Checks that this is a results file of the current version, undamaged and unchanged.
 fn check(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
     check_kind(connection, path)?;
+    check_rows(connection, path)
+}
+
+/// Checks that the file is undamaged and that nobody has changed its rows.
+fn check_rows(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
     let finding: String = connection
         .query_row("PRAGMA integrity_check(1)", [], |row| row.get(0))
         .map_err(|source| not_used(path, source))?;

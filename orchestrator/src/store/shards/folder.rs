@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use anyhow::{Context, bail};
+
 use crate::plan::partition::Shard;
 
 /// Name of the file that says what all shards must agree on.
@@ -60,6 +62,31 @@ impl ShardsFolder {
         files.sort();
         Ok(files)
     }
+}
+
+/// Returns the results files that a user means by these paths: a folder stands for the shards in it.
+///
+/// # Errors
+/// If a folder cannot be read or has no results of shards.
+pub(crate) fn results_files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for path in paths {
+        if !path.is_dir() {
+            files.push(path.clone());
+            continue;
+        }
+        let shown = path.display();
+        let shards = ShardsFolder::at(path)
+            .all_results()
+            .with_context(|| format!("failed to read the folder {shown}"))?;
+        if shards.is_empty() {
+            bail!(
+                "{shown} has no results of shards (shard-I-of-N.db); `hypogeum status {shown}` says how far they are"
+            );
+        }
+        files.extend(shards);
+    }
+    Ok(files)
 }
 
 /// Returns the name of a shard's files without their extension, so that names sort like shards.

@@ -7,7 +7,7 @@ mod state;
 mod sweep;
 mod task;
 
-pub(crate) use self::folder::ShardsFolder;
+pub(crate) use self::folder::{ShardsFolder, results_files};
 pub(crate) use self::state::{ShardPhase, ShardState};
 pub(crate) use self::sweep::SharedSweep;
 pub(crate) use self::task::ShardTask;

@@ -31,15 +31,17 @@ use crate::run::execution::{execute, resolve};
 use crate::selection::condition::Condition;
 use crate::selection::policy::{Identity, NamedPolicy};
 use crate::store::build_identity;
+use crate::store::merging::{Unwatched, merge};
 use crate::store::package::Package;
 use crate::store::results::{ENVIRONMENT, EpisodeRow, ResultsFile, gaps};
+use crate::store::shards::results_files;
 
 /// Arguments of `verify`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct VerifyArgs {
-    /// Results file of `run`, or package of `pack`
-    #[arg(value_name = "RESULTS.db|FILE.zip")]
-    pub(crate) file: PathBuf,
+    /// Results file of `run`, package of `pack`, or the shards of a sweep: their files or folder
+    #[arg(value_name = "RESULTS.db|FILE.zip|DIR", required = true)]
+    pub(crate) files: Vec<PathBuf>,
     /// Run a random sample of this many episodes [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) sample: Option<u32>,
@@ -71,14 +73,35 @@ pub(crate) struct VerifyArgs {
 
 /// Runs a sample of the episodes again and compares them with their rows.
 pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {
-    let Some(package) = Package::unpack(&args.file).or_user()? else {
-        return verify_file(&ResultsFile::read(&args.file).or_user()?, args);
+    let paths = results_files(&args.files).or_user()?;
+    let [path] = paths.as_slice() else { return verify_file(&read_merged(&paths).or_user()?, args) };
+    let Some(package) = Package::unpack(path).or_user()? else {
+        return verify_file(&ResultsFile::read(path).or_user()?, args);
     };
     let file = ResultsFile::read(&package.results()).or_user()?;
     let names = file.policies.keys().filter(|name| args.checkpoints.iter().all(|(given, _)| given != *name));
     let packed = names.filter_map(|name| Some((name.clone(), package.checkpoint(name)?)));
     let checkpoints = args.checkpoints.iter().cloned().chain(packed).collect();
     verify_file(&file, &VerifyArgs { checkpoints, ..args.clone() })
+}
+
+/// Reads several files as one.
+fn read_merged(paths: &[PathBuf]) -> anyhow::Result<ResultsFile> {
+    let folder = tempfile::tempdir().context("failed to create a temporary folder")?;
+    let merged = folder.path().join("merged.db");
+    let outcome = merge(&merged, paths, &mut Unwatched)?;
+    if let Some(it) = outcome.contradictions.first() {
+        let ([policy, task, perturbation], [a, b]) = (&*it.names, &it.files);
+        bail!(
+            "episode {} of {policy} on {task} under {perturbation} differs between {} and {} in {}; verify each file alone",
+            it.episode,
+            a.0.display(),
+            b.0.display(),
+            it.column
+        );
+    }
+    // Messages and relative paths of checkpoints refer to the first file.
+    Ok(ResultsFile { path: paths[0].clone(), ..ResultsFile::read(&merged)? })
 }
 
 fn verify_file(file: &ResultsFile, args: &VerifyArgs) -> Result<ExitStatus, Failure> {
