@@ -24,10 +24,10 @@ pub(crate) struct RunObserver<'a> {
 
 impl Observer for RunObserver<'_> {
     fn on_event(&mut self, event: &FleetEvent<'_>) -> anyhow::Result<()> {
+        self.recorder.on_event(event)?;
         if let Some(shard) = self.shard {
             shard.on_event(event, self.recorder.needs_images())?;
         }
-        self.recorder.on_event(event)?;
         if let (Some(stopping), FleetEvent::EpisodeFinished(job, outcome)) = (&mut self.stopping, event) {
             stopping.on_finished(job, outcome.success());
         }

@@ -45,6 +45,8 @@ pub(crate) enum ResultsFileError {
         path.display()
     )]
     Changed { path: PathBuf, finding: String },
+    #[error("failed to write {}: {cause}", path.display())]
+    Copy { path: PathBuf, cause: String },
     #[error("failed to resume the results file {}: its manifest has no valid {key}", path.display())]
     Manifest { path: PathBuf, key: String },
     #[error(transparent)]

@@ -151,22 +151,27 @@ impl Shared {
 pub(crate) fn save(paths: &ShardPaths, token: &str) -> anyhow::Result<()> {
     let next = paths.saved.with_extension(format!("{token}.tmp"));
     let copy = || -> anyhow::Result<()> {
-        remove_if_there(&next)?;
+        remove_results(&next)?;
         copy_snapshot(&paths.scratch, &next)?;
         std::fs::File::open(&next)?.sync_all()?;
         Ok(std::fs::rename(&next, &paths.saved)?)
     };
     let copied = copy();
     if copied.is_err() {
-        let _ = remove_if_there(&next);
+        let _ = remove_results(&next);
     }
     copied.map_err(|error| error.context(format!("failed to save the shard as {}", paths.saved.display())))
 }
 
-/// Removes a file, if it is there.
-pub(crate) fn remove_if_there(path: &Path) -> io::Result<()> {
-    match std::fs::remove_file(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        removed => removed,
+/// Removes a results file with its log and journal, as far as they are there.
+pub(crate) fn remove_results(path: &Path) -> io::Result<()> {
+    for suffix in ["", "-wal", "-shm", "-journal"] {
+        let mut name = path.as_os_str().to_owned();
+        name.push(suffix);
+        match std::fs::remove_file(Path::new(&name)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            removed => removed?,
+        }
     }
+    Ok(())
 }

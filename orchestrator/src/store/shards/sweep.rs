@@ -173,7 +173,7 @@ impl ShardsFolder {
         let stem = stem.file_name().map(|name| format!("{}.", name.to_string_lossy())).unwrap_or_default();
         for entry in std::fs::read_dir(self.path()).into_iter().flatten().flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
-            if name.starts_with(&stem) && name.ends_with(".tmp") {
+            if name.starts_with(&stem) && name.contains(".tmp") {
                 let _ = std::fs::remove_file(entry.path());
             }
         }

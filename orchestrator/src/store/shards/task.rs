@@ -1,7 +1,6 @@
 //! A task that runs a shard: its claim on it, its results file on a disk of the node, and its end.
 
 use std::hash::{BuildHasher, RandomState};
-use std::io;
 use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -17,7 +16,7 @@ use crate::fleet::FleetEvent;
 use crate::plan::partition::{Part, Shard};
 use crate::store::results::n_finished_in;
 use crate::store::shards::folder::{ShardsFolder, file_stem};
-use crate::store::shards::saver::{BEAT, Saver, ShardPaths, remove_if_there, save};
+use crate::store::shards::saver::{BEAT, Saver, ShardPaths, remove_results, save};
 use crate::store::shards::state::{ShardPhase, ShardState};
 use crate::study::machine::host_name;
 
@@ -105,11 +104,19 @@ impl ShardTask {
             return Err(anyhow!("another task has taken shard {shard} over, so this one has ended"))
                 .or_user();
         }
-        let saved = if paths.scratch.exists() { save(&paths, &state.token) } else { Ok(()) };
-        let in_scratch = || format!("its episodes are in {}", paths.scratch.display());
+        let has_rows = state.done + state.errors > 0 && paths.scratch.exists();
+        let saved = if has_rows { save(&paths, &state.token) } else { Ok(()) };
+        if saved.is_ok() {
+            let (done, planned) = (state.done, state.planned);
+            print_message(&format!(
+                "shard {shard}: {done} of {planned} episodes in {}",
+                paths.saved.display()
+            ));
+        }
+        let in_scratch = || format!("the episodes of shard {shard} are only in {}", paths.scratch.display());
         let ended = match (ended, saved) {
-            (Err(failure), _) => Err(failure),
-            (Ok(_), Err(error)) => Err(error.context(in_scratch())).or_user(),
+            (Err(failure), Ok(())) => Err(failure),
+            (_, Err(error)) => Err(error.context(in_scratch())).or_user(),
             (Ok(status), Ok(())) => Ok(status),
         };
         state.phase = match &ended {
@@ -120,12 +127,6 @@ impl ShardTask {
         state.message = ended.as_ref().err().map(Failure::to_string);
         state.beat += 1;
         state.write(&paths.state).map_err(|error| folder.not_written(error)).or_user()?;
-        print_message(&format!(
-            "shard {shard}: {} of {} episodes in {}",
-            state.done,
-            state.planned,
-            paths.saved.display()
-        ));
         if ended.is_ok() {
             remove_results(&paths.scratch).or_user()?;
         }
@@ -205,14 +206,4 @@ fn restore(paths: &ShardPaths) -> anyhow::Result<u64> {
         })?;
     }
     Ok(saved.unwrap_or(0))
-}
-
-/// Removes a results file with its log.
-fn remove_results(path: &Path) -> io::Result<()> {
-    for suffix in ["", "-wal", "-shm", "-journal"] {
-        let mut name = path.as_os_str().to_owned();
-        name.push(suffix);
-        remove_if_there(Path::new(&name))?;
-    }
-    Ok(())
 }
