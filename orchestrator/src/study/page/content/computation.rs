@@ -6,7 +6,7 @@ use sim::Perturbation;
 
 use crate::selection::policy::Identity;
 use crate::statistics::Levels;
-use crate::store::results::{ENVIRONMENT, PLANS};
+use crate::store::results::{ENVIRONMENT, PLANS, SHARD};
 use crate::study::analysis::{
     CellRate, CellSummary, Comparison, ComparisonOptions, Effect, EvaluatedPolicy, Evaluation, Metric, Rate,
     effects, embodiment_differences, modality_effects,
@@ -73,7 +73,7 @@ impl ReportContent {
             levels,
             options: manifest
                 .iter()
-                .filter(|(key, _)| ![ENVIRONMENT, PLANS].contains(&key.as_str()))
+                .filter(|(key, _)| ![ENVIRONMENT, PLANS, SHARD].contains(&key.as_str()))
                 .map(owned)
                 .collect(),
             environment: manifest.get(ENVIRONMENT).cloned().unwrap_or(Value::Null),
