@@ -1,5 +1,5 @@
-//! Sweeps that are cut into shards: whatever their number, and whatever happens to their tasks, the merged rows
-//! are those of one run; `merge` finds rows that differ.
+//! Sweeps that are cut into shards: whatever their number, and whatever happens to their tasks, the merged
+//! rows are those of one run; `merge` finds rows that differ.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 

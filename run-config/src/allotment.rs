@@ -96,8 +96,8 @@ fn variable(name: &str) -> Option<String> {
     std::env::var(name).ok()
 }
 
-/// Returns the cores that a batch system gives to a task: Slurm (or to its job on this node), Grid Engine, LSF,
-/// PBS, or HyperQueue, which names each core. `variable` reads the environment.
+/// Returns the cores that a batch system gives to a task: Slurm (or to its job on this node), Grid Engine,
+/// LSF, PBS, or HyperQueue, which names each core. `variable` reads the environment.
 fn batch_cores(variable: &dyn Fn(&str) -> Option<String>) -> Option<ResourceBound<f64>> {
     // `NCPUS` alone may be anybody's.
     let is_pbs = variable("PBS_JOBID").is_some();

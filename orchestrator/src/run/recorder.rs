@@ -23,7 +23,7 @@ pub(crate) struct Recorder<'a> {
     plan: &'a RunPlan,
     /// Number of episodes of the plan, or of the shard of it that is run.
     n_planned: u64,
-    /// That shard.
+    /// The shard, if one is run.
     shard: Option<Shard>,
     results: Results,
     started: Instant,
@@ -38,8 +38,8 @@ pub(crate) struct Recorder<'a> {
 }
 
 impl<'a> Recorder<'a> {
-    /// Opens or creates the results file of a plan, or of a part of it, and notes that in it. Also returns the
-    /// episodes that are left.
+    /// Opens or creates the results file of a plan, or of a part of it, and notes that in it. Also returns
+    /// the episodes that are left.
     ///
     /// # Errors
     /// If the file is not one of this plan, or cannot be read and written.

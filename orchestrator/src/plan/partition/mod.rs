@@ -28,7 +28,7 @@ pub(crate) struct Partition {
     pub(crate) cuts: Cuts,
 }
 
-/// What a partition depends on beside the plan. Every shard's results file has it.
+/// The cuts between shards, and the share of audited episodes. Every shard's results file has them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Cuts {
     /// Position of the first episode of each shard.
@@ -37,7 +37,7 @@ pub(crate) struct Cuts {
     pub(crate) audit: f64,
 }
 
-/// What the results file of a shard says about it.
+/// The description of a shard in its results file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct StoredShard {
     /// Its index.

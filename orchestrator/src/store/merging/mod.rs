@@ -28,7 +28,7 @@ const STOP_INTERVAL: u64 = 4096;
 const SOURCE_CACHE: i64 = 512;
 const TARGET_CACHE: i64 = 32 << 10;
 
-/// What merging has found.
+/// The findings of merging.
 #[derive(Debug, Default)]
 pub(crate) struct MergeOutcome {
     /// Rows of the merged file.
@@ -66,7 +66,7 @@ pub(crate) struct Contradiction {
     pub(crate) files: [(PathBuf, Vec<String>); 2],
 }
 
-/// What follows the progress of merging, and may end it.
+/// The receiver of the progress of merging, which may end it.
 pub(crate) trait MergeObserver {
     /// Begins with the number of rows of all files.
     fn begin(&mut self, n_rows: u64);

@@ -1,4 +1,4 @@
-//! Which episodes of each cell the merged rows have, from which follows which ones are missing.
+//! Counts of the merged rows by cell, from which follows which episodes are missing.
 
 use std::collections::HashMap;
 use std::rc::Rc;

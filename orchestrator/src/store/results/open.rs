@@ -75,8 +75,8 @@ fn open_for_reading(path: &Path, immutable: bool) -> Result<Connection, ResultsF
     Ok(connection)
 }
 
-/// Creates a results file for many rows at once, without locks and without a journal: it is thrown away unless
-/// it is complete.
+/// Creates a results file for many rows at once, without locks and without a journal: it is thrown away
+/// unless it is complete.
 pub(crate) fn create_for_bulk(path: &Path) -> Result<Connection, ResultsFileError> {
     let sqlite = |source| not_used(path, source);
     let connection = connect(Path::new(&format!("{}?nolock=1", uri(&file_name(path)?)))).map_err(sqlite)?;

@@ -1,5 +1,5 @@
-//! What all shards of a sweep agree on, in a file that the first of them writes: every other compares itself
-//! with it before it starts to work.
+//! The description of a sweep on which all its shards agree, in a file that the first of them writes: every
+//! other compares itself with it before it starts to work.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::Permissions;
