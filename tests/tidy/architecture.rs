@@ -68,8 +68,13 @@ fn each_engine_is_used_by_one_module() {
     only_in("faer", &["policy-host/src/nn/"], "matrix products");
     let parquet_users = ["orchestrator/src/store/demos/dataset/", "orchestrator/src/store/parquet_table.rs"];
     only_in("parquet::", &parquet_users, "the only reader and writer of Parquet files");
-    let rusqlite_users =
-        ["orchestrator/src/store/results", "orchestrator/src/store/merging", "orchestrator/tests/", "tests/", "benches/conclusions"];
+    let rusqlite_users = [
+        "orchestrator/src/store/results",
+        "orchestrator/src/store/merging",
+        "orchestrator/tests/",
+        "tests/",
+        "benches/conclusions",
+    ];
     only_in("rusqlite", &rusqlite_users, "the only writer of results");
     only_in("anyhow", &["orchestrator/", "benches/"], "libraries have typed errors");
 }

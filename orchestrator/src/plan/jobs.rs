@@ -7,7 +7,7 @@ use sim::scene::stream::episode_seed;
 use sim::serve::protocol::{Assignment, Driver};
 
 use crate::plan::RunPlan;
-use crate::plan::partition::Part;
+use crate::plan::partition::ShardPart;
 use crate::selection::condition::Condition;
 use crate::store::results::FinishedEpisodes;
 
@@ -84,10 +84,10 @@ impl JobList {
     /// Lists the episodes of a plan, or of a part of it, that have not finished. Policies vary fastest and
     /// conditions next, so that all lanes have work at all times and an interrupted run has some episodes of
     /// each condition.
-    pub(crate) fn unfinished(plan: &RunPlan, finished: FinishedEpisodes, part: Option<&Part>) -> Self {
+    pub(crate) fn unfinished(plan: &RunPlan, finished: FinishedEpisodes, part: Option<&ShardPart>) -> Self {
         let drivers = drivers(plan);
-        let len = part.map_or(plan.n_episodes(), Part::len) - finished.len();
-        let part: Option<Rc<Part>> = part.cloned().map(Rc::new);
+        let len = part.map_or(plan.n_episodes(), ShardPart::len) - finished.len();
+        let part: Option<Rc<ShardPart>> = part.cloned().map(Rc::new);
         let conditions: Rc<[Condition]> = plan.conditions.as_slice().into();
         let (n_episodes, seed, finished) = (plan.episodes, plan.config.results.seed, Rc::new(finished));
         let (n_policies, n_conditions) = (drivers.len(), conditions.len());

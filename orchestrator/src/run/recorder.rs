@@ -11,7 +11,7 @@ use crate::console::output::print_message;
 use crate::fleet::{FleetEvent, Totals};
 use crate::plan::RunPlan;
 use crate::plan::jobs::JobList;
-use crate::plan::partition::{Part, Shard, StoredShard};
+use crate::plan::partition::{Shard, ShardPart, StoredShard};
 use crate::run::stopping::Stopping;
 use crate::store::build_identity;
 use crate::store::results::{ENVIRONMENT, EpisodeKey, Manifest, Results, SHARD, STOPPING, StoreError};
@@ -47,13 +47,13 @@ impl<'a> Recorder<'a> {
         plan: &'a RunPlan,
         manifest: &Manifest,
         started: Instant,
-        part: Option<&Part>,
+        part: Option<&ShardPart>,
     ) -> Result<(Self, JobList), Failure> {
         let results = Results::open(&plan.db, manifest).or_user()?;
         let finished = results.finished(plan)?;
         let n_done = finished.len();
         let todo = JobList::unfinished(plan, finished, part);
-        let (db, n_planned) = (plan.db.display(), part.map_or(plan.n_episodes(), Part::len));
+        let (db, n_planned) = (plan.db.display(), part.map_or(plan.n_episodes(), ShardPart::len));
         let shard = part.map_or_else(String::new, |part| format!("shard {}: ", part.shard));
         print_message(&format!("{shard}results: {db} ({n_done} of {n_planned} episodes done)"));
         results.add_plan(plan)?;

@@ -8,7 +8,7 @@ use clap::Args;
 
 use crate::console::exit::{Failure, OrUser};
 use crate::plan::RunPlan;
-use crate::plan::partition::{EpisodeCosts, Part, Partition, ShardRequest};
+use crate::plan::partition::{EpisodeCosts, Partition, ShardPart, ShardRequest};
 use crate::store::results::{Manifest, ResultsFile, StoredPlan};
 use crate::store::shards::{ShardTask, ShardsFolder, SharedSweep};
 use crate::study::machine::host_name;
@@ -49,7 +49,7 @@ impl ShardArgs {
         &self,
         plan: &mut RunPlan,
         manifest: &Manifest,
-    ) -> Result<Option<(ShardTask, Part)>, Failure> {
+    ) -> Result<Option<(ShardTask, ShardPart)>, Failure> {
         let Some(request) = self.shard else {
             if self.cutting.audit.is_some() || self.cutting.costs.is_some() {
                 return Err(anyhow!(
@@ -61,7 +61,7 @@ impl ShardArgs {
         };
         let shard = request.resolve(&|name| std::env::var(name).ok()).or_user()?;
         let (folder, partition) = prepare(plan, manifest, shard.count, &self.cutting)?;
-        let part = Part::new(Rc::new(partition), shard);
+        let part = ShardPart::new(Rc::new(partition), shard);
         let task = ShardTask::enter(folder, &part, self.scratch.as_deref()).or_user()?;
         plan.db = task.scratch().to_owned();
         Ok(Some((task, part)))

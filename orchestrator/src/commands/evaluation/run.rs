@@ -14,7 +14,7 @@ use crate::console::output::{OutputError, print_message, print_out};
 use crate::console::progress::Progress;
 use crate::fleet::RunStatus;
 use crate::plan::RunPlan;
-use crate::plan::partition::Part;
+use crate::plan::partition::ShardPart;
 use crate::plan::sweep::SweepArgs;
 use crate::run::execution::{execute, find_device, resolve};
 use crate::run::live::{LiveView, RunningSuccess};
@@ -81,7 +81,7 @@ fn evaluate(
     plan: &RunPlan,
     manifest: &Manifest,
     identities: &[Identity],
-    shard: Option<(&ShardTask, &Part)>,
+    shard: Option<(&ShardTask, &ShardPart)>,
 ) -> Result<ExitStatus, Failure> {
     let machine = Machine::detect();
     let part = shard.map(|(_, part)| part);

@@ -54,7 +54,7 @@ pub(crate) struct StoredShard {
 
 /// The episodes of one shard.
 #[derive(Clone, Debug)]
-pub(crate) struct Part {
+pub(crate) struct ShardPart {
     partition: Rc<Partition>,
     pub(crate) shard: Shard,
     len: u64,
@@ -152,7 +152,7 @@ impl Partition {
     }
 }
 
-impl Part {
+impl ShardPart {
     /// Returns the part of a shard.
     pub(crate) fn new(partition: Rc<Partition>, shard: Shard) -> Self {
         let mut part = Self { partition, shard, len: 0 };
@@ -257,11 +257,12 @@ mod tests {
     fn runs(partition: &Partition, costs: &EpisodeCosts) -> (Vec<u32>, Vec<f64>) {
         let partition = Rc::new(partition.clone());
         let shards = (0..partition.count()).map(|index| Shard { index, count: partition.count() });
-        let parts: Vec<Part> = shards.map(|shard| Part::new(Rc::clone(&partition), shard)).collect();
+        let parts: Vec<ShardPart> =
+            shards.map(|shard| ShardPart::new(Rc::clone(&partition), shard)).collect();
         let episodes: Vec<EpisodeIdx> = partition.episodes().collect();
         let n_runs =
             episodes.iter().map(|idx| parts.iter().filter(|part| part.contains(*idx)).count() as u32);
-        let cost = |part: &Part| {
+        let cost = |part: &ShardPart| {
             let own: Vec<_> = episodes.iter().filter(|idx| part.contains(**idx)).collect();
             assert_eq!(own.len() as u64, part.len());
             own.iter().map(|idx| costs.get(idx.0, idx.1)).sum()
@@ -313,7 +314,7 @@ mod tests {
         assert!(n_runs.iter().all(|n| (1..=2).contains(n)), "{cost:?}");
         let rc = Rc::new(partition);
         for index in 0..4 {
-            let part = Part::new(Rc::clone(&rc), Shard { index, count: 4 });
+            let part = ShardPart::new(Rc::clone(&rc), Shard { index, count: 4 });
             for condition in 0..10 {
                 let own =
                     |policy| (0..50).filter(|episode| part.contains((policy, condition, *episode))).count();

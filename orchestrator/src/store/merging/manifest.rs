@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 use crate::plan::partition::{Partition, Shard};
 use crate::run::stopping::StoppingRule;
 use crate::selection::policy::Identity;
-use crate::store::merging::source::Source;
+use crate::store::merging::source::MergeSource;
 use crate::store::results::{ENVIRONMENT, PLANS, SHARD, STOPPING, StoredPlan, differences, policy_key, put};
 
 /// Key of the circumstances of the files that were merged, within [`ENVIRONMENT`].
@@ -31,7 +31,7 @@ pub(crate) struct MergedManifest {
 ///
 /// # Errors
 /// If they do not, or one is invalid.
-pub(crate) fn join(sources: &[Source]) -> anyhow::Result<MergedManifest> {
+pub(crate) fn join(sources: &[MergeSource]) -> anyhow::Result<MergedManifest> {
     let Some(first) = sources.first() else { bail!("there is no file to merge") };
     let mut merged = MergedManifest {
         options: Map::new(),
@@ -106,7 +106,7 @@ pub(crate) fn write(manifest: &MergedManifest, connection: &Connection) -> Resul
 ///
 /// # Errors
 /// If the description of a shard is invalid.
-pub(crate) fn n_audited(sources: &[Source]) -> anyhow::Result<u64> {
+pub(crate) fn n_audited(sources: &[MergeSource]) -> anyhow::Result<u64> {
     let Some((source, shard)) = sources.iter().find_map(|source| Some((source, source.shard()?))) else {
         return Ok(0);
     };
@@ -122,7 +122,7 @@ pub(crate) fn n_audited(sources: &[Source]) -> anyhow::Result<u64> {
 }
 
 /// Returns the circumstances of the first file, with the time of all runs and the circumstances of each.
-fn environment(sources: &[Source]) -> Value {
+fn environment(sources: &[MergeSource]) -> Value {
     // A shard that is merged again, with more episodes, replaces itself.
     let mut runs: Vec<Value> = Vec::new();
     for source in sources {

@@ -16,7 +16,7 @@ use anyhow::Context;
 use rusqlite::types::{ToSqlOutput, ValueRef};
 use rusqlite::{Connection, Statement};
 
-use self::source::{CellNames, Source, SourceRows};
+use self::source::{CellNames, MergeSource, SourceRows};
 use self::tally::CellTally;
 use crate::store::results::{COUNT, Column, Gap, create_for_bulk, insert, not_used, whole_rows};
 
@@ -102,14 +102,14 @@ pub(crate) fn merge(
     inputs: &[PathBuf],
     observer: &mut dyn MergeObserver,
 ) -> anyhow::Result<MergeOutcome> {
-    let target = out.exists().then(|| Source::open_target(out)).transpose()?;
+    let target = out.exists().then(|| MergeSource::open_target(out)).transpose()?;
     // A file that is named twice, or is the merged one, contributes once.
     let mut paths = BTreeSet::from_iter(std::fs::canonicalize(out).ok());
     let is_other = |path: &&PathBuf| std::fs::canonicalize(path).map_or(true, |path| paths.insert(path));
     let added =
-        inputs.iter().filter(is_other).map(|path| Source::open(path)).collect::<Result<Vec<_>, _>>()?;
+        inputs.iter().filter(is_other).map(|path| MergeSource::open(path)).collect::<Result<Vec<_>, _>>()?;
     let had_target = target.is_some();
-    let sources: Vec<Source> = target.into_iter().chain(added).collect();
+    let sources: Vec<MergeSource> = target.into_iter().chain(added).collect();
     let manifest = manifest::join(&sources)?;
     let written = || format!("failed to write {}", out.display());
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -154,7 +154,7 @@ struct JoinedRows {
 
 /// Writes the rows of all sources in the order of their keys, each once.
 fn join_rows(
-    sources: &[Source],
+    sources: &[MergeSource],
     target: &Connection,
     path: &Path,
     observer: &mut dyn MergeObserver,
@@ -164,7 +164,7 @@ fn join_rows(
     target.execute_batch("BEGIN").map_err(sqlite)?;
     let mut insertion = target.prepare(&insert()).map_err(sqlite)?;
     let (mut statements, mut n_rows) = (Vec::new(), 0);
-    for Source { path, connection, .. } in sources {
+    for MergeSource { path, connection, .. } in sources {
         let mut prepare = || {
             connection.pragma_update(None, "cache_size", -SOURCE_CACHE)?;
             n_rows += connection.query_row(COUNT, [], |row| row.get::<_, i64>(0))?.unsigned_abs();
@@ -215,7 +215,7 @@ impl JoinedRows {
     /// compared with it.
     fn add(
         &mut self,
-        sources: &[Source],
+        sources: &[MergeSource],
         rows: &[SourceRows<'_>],
         group: &[usize],
         (names, episode): (&Rc<CellNames>, u32),

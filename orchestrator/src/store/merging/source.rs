@@ -18,7 +18,7 @@ use crate::store::results::{
 
 /// A file that is merged.
 #[derive(Debug)]
-pub(crate) struct Source {
+pub(crate) struct MergeSource {
     pub(crate) path: PathBuf,
     pub(crate) connection: Connection,
     /// Everything in the manifest except the policies, by key.
@@ -46,7 +46,7 @@ pub(crate) struct SourceRows<'a> {
     checked: CellNames,
 }
 
-impl Source {
+impl MergeSource {
     /// Opens a file whose rows are added. They are checked when they are read.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use anyhow::Context;
 
-use crate::plan::partition::{Part, Partition, Shard, StoredShard};
+use crate::plan::partition::{Partition, Shard, ShardPart, StoredShard};
 use crate::selection::condition::{Condition, parse_condition};
 use crate::store::results::file::ResultsFile;
 use crate::store::results::manifest::{PLANS, SHARD, StoredPlan};
@@ -71,7 +71,7 @@ pub(crate) fn gaps(file: &ResultsFile) -> anyhow::Result<Option<Vec<Gap>>> {
 
 /// The episodes of the shard that a file has.
 struct ShardPlan<'a> {
-    part: Part,
+    part: ShardPart,
     plan: &'a StoredPlan,
     conditions: Vec<Condition>,
 }
@@ -94,6 +94,6 @@ fn shard<'a>(file: &ResultsFile, plan: Option<&'a StoredPlan>) -> anyhow::Result
     let pair = file.stopping.as_ref().map(|rule| &rule.policies);
     let conditions = plan.conditions.iter().map(|(task, perturbation)| parse_condition(task, perturbation));
     let conditions = conditions.collect::<Result<_, _>>()?;
-    let part = Part::new(Rc::new(Partition::of(plan, pair, cuts)), shard);
+    let part = ShardPart::new(Rc::new(Partition::of(plan, pair, cuts)), shard);
     Ok(Some(ShardPlan { part, plan, conditions }))
 }

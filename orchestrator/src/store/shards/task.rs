@@ -13,7 +13,7 @@ use xxhash_rust::xxh3::xxh3_64;
 use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::output::print_message;
 use crate::fleet::FleetEvent;
-use crate::plan::partition::{Part, Shard};
+use crate::plan::partition::{Shard, ShardPart};
 use crate::store::results::n_finished_in;
 use crate::store::shards::folder::{ShardsFolder, file_stem};
 use crate::store::shards::saver::{BEAT, Saver, ShardPaths, remove_results, save};
@@ -41,7 +41,11 @@ impl ShardTask {
     ///
     /// # Errors
     /// If another task runs the shard, or a file cannot be read and written.
-    pub(crate) fn enter(folder: ShardsFolder, part: &Part, scratch: Option<&Path>) -> anyhow::Result<Self> {
+    pub(crate) fn enter(
+        folder: ShardsFolder,
+        part: &ShardPart,
+        scratch: Option<&Path>,
+    ) -> anyhow::Result<Self> {
         let (shard, host) = (part.shard, host_name());
         folder.remove_leftovers(shard);
         let paths = ShardPaths {
