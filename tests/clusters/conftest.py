@@ -29,6 +29,14 @@ def nothing_is_left() -> Iterator[None]:
     wait_for("the test's shared memory to be removed", lambda: not new & segments(), LEFT_S)
 
 
+@pytest.fixture(autouse=True)
+def printed_logs(tmp_path: Path) -> Iterator[None]:
+    """Prints the logs of all tasks, which pytest shows if the test fails."""
+    yield
+    for log in sorted(tmp_path.rglob("*.log")):
+        print(f"== {log.relative_to(tmp_path)}\n{log.read_text(errors='replace')}")
+
+
 @pytest.fixture(scope="session", autouse=True)
 def program() -> Path:
     if not PROGRAM.exists():

@@ -154,6 +154,7 @@ class SlurmCluster:
         """Returns the state of a job or a task, such as `RUNNING`, or `GONE`."""
         return self.jobs().get(job, {}).get("JobState", "GONE")
 
-    def task_processes(self) -> list[int]:
-        """Returns the processes of tasks. Slurm's own have no job in their environment."""
-        return processes_with(f"SLURM_CONF={self.environment['SLURM_CONF']}", "SLURM_JOB_ID=")
+    def task_processes(self, job: str | None = None) -> list[int]:
+        """Returns the processes of all tasks, or of one job. Slurm's own have no job in their environment."""
+        of_job = f"SLURM_JOB_ID={job}\0" if job else "SLURM_JOB_ID="
+        return processes_with(f"SLURM_CONF={self.environment['SLURM_CONF']}", of_job)

@@ -1,6 +1,7 @@
 """The sweep of these tests, and the comparison of its rows with those of one undisturbed run."""
 
 import os
+import shutil
 import sqlite3
 import subprocess
 from collections.abc import Mapping
@@ -28,7 +29,7 @@ Key = tuple[object, ...]
 Rows = dict[Key, dict[str, object]]
 
 TEXT = """\
-policies = ["random", "act=act:{act}"]
+policies = ["random", "act=act:act"]
 tasks = ["RaiseCube", "LiftPegUpright", "DualArmPushBox"]
 perturbations = ["None", "Light-Color"]
 episodes = {episodes}
@@ -46,7 +47,9 @@ class Sweep:
 
     def __post_init__(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        (self.folder / "sweep.toml").write_text(TEXT.format(act=ACT, episodes=self.episodes))
+        # Paths below the folder mean the same on machines that mirror it.
+        shutil.copytree(ACT, self.folder / "act")
+        (self.folder / "sweep.toml").write_text(TEXT.format(episodes=self.episodes))
 
     @property
     def n_episodes(self) -> int:
