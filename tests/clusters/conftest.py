@@ -1,7 +1,8 @@
-"""Sweeps on the engines that users have: test_slurm.py, test_hyperqueue.py, test_ssh.py and test_kubernetes.py.
+"""Sweeps on engines that users have: test_slurm.py, test_hyperqueue.py, test_ssh.py, test_kubernetes.py.
 
-Each runs the program (HYPOGEUM, or the one that the tests of Rust have built) and compares the merged rows with those of
-one undisturbed run. An engine that this machine lacks is skipped with the reason: `python -m pytest -rs tests/clusters`.
+Each runs the program (HYPOGEUM, or the one that the tests of Rust have built) and compares the merged rows
+with those of one undisturbed run. An engine that this machine lacks is skipped with the reason:
+`python -m pytest -rs tests/clusters`.
 """
 
 import sys

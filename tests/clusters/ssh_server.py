@@ -112,7 +112,8 @@ class SshHosts:
     def _answers(self, host: str) -> bool:
         assert self.server.poll() is None, (self.folder / "sshd.log").read_text()
         command = ["ssh", "-F", str(self.folder / "config"), host, "true"]
-        return subprocess.run(command, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=START_S).returncode == 0
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=START_S)
+        return done.returncode == 0
 
     def _stop(self) -> None:
         self.server.terminate()

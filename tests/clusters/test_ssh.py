@@ -31,5 +31,5 @@ def test_unreachable_host_leaves_its_work(sweep: Sweep, undisturbed: Rows, tmp_p
     with SshHosts(tmp_path / "hosts", ["alpha"], unreachable=["gamma"]) as hosts:
         command = ["env", f"--chdir={sweep.folder}", str(PROGRAM), *submission(hosts, "alpha,gamma")]
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, stdin=subprocess.DEVNULL)
-        assert "gamma" in done.stderr + done.stdout
+        assert done.returncode == 0 and "gamma" in done.stderr, done.stdout + done.stderr
         assert_equal(sweep.rows(), undisturbed)
