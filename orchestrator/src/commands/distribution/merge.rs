@@ -1,5 +1,6 @@
 //! `hypogeum merge`: joins the results files of shards, and compares rows that occur twice.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -127,12 +128,25 @@ fn audit(outcome: &MergeOutcome) -> String {
         return String::new();
     }
     let of = if outcome.n_audited > 0 { format!(" of {} audited", outcome.n_audited) } else { String::new() };
-    let machines: Vec<&str> = outcome.machines.iter().map(String::as_str).collect();
-    format!(
-        "{}{of} episodes were run by two tasks and agree in every column; machines: {}\n",
-        outcome.n_compared,
-        if machines.is_empty() { "unknown".to_owned() } else { machines.join(", ") }
-    )
+    let machines = match machines(&outcome.machines) {
+        named if outcome.n_compared == 0 || named.is_empty() => String::new(),
+        named => format!("; machines: {named}"),
+    };
+    format!("{}{of} episodes were run by two tasks and agree in every column{machines}\n", outcome.n_compared)
+}
+
+/// Lists machines, those of one kind together: `n1, n2 (CPU; extensions)`.
+fn machines(machines: &BTreeSet<String>) -> String {
+    let mut kinds: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for machine in machines {
+        let (name, kind) = machine.split_once(" (").unwrap_or((machine, ""));
+        kinds.entry(kind).or_default().push(name);
+    }
+    let kind = |(kind, names): (&str, Vec<&str>)| match kind {
+        "" => names.join(", "),
+        kind => format!("{} ({kind}", names.join(", ")),
+    };
+    kinds.into_iter().map(kind).collect::<Vec<_>>().join("; ")
 }
 
 fn contradictions(outcome: &MergeOutcome) -> String {
@@ -201,4 +215,24 @@ fn json_report(args: &MergeArgs, outcome: &MergeOutcome) -> serde_json::Value {
         "missing": outcome.gaps.as_ref().map(missing),
         "command": outcome.command.as_ref().map(|command| completion(command, args)),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn machines_of_one_kind_are_listed_together() {
+        let named =
+            ["n2 (CPU A; avx2)", "n1 (CPU A; avx2)", "n3 (CPU B; fma avx2)", "old"].map(str::to_owned);
+        assert_eq!(machines(&BTreeSet::from(named)), "old; n1, n2 (CPU A; avx2); n3 (CPU B; fma avx2)");
+    }
+
+    #[test]
+    fn completion_leaves_the_options_of_shards_out() {
+        let words = "run sweep.toml --db=old.db --shard 3/16 --scratch /tmp --audit 1% --costs a.db --seed 2";
+        let words: Vec<String> = words.split(' ').map(str::to_owned).collect();
+        let args = MergeArgs { out: "my out.db".into(), inputs: Vec::new(), json: false, quiet: false };
+        assert_eq!(completion(&words, &args), "hypogeum run sweep.toml --seed 2 --db 'my out.db'");
+    }
 }

@@ -25,7 +25,7 @@ pub(crate) enum ResultsFileError {
     Io { path: PathBuf, source: io::Error },
     #[error("failed to use the results file {}: another run is writing to it", path.display())]
     InUse { path: PathBuf },
-    #[error("failed to use {} as a results file: it is another kind of file; choose another with --db", path.display())]
+    #[error("failed to use {} as a results file: it is another kind of file; choose another", path.display())]
     Foreign { path: PathBuf },
     #[error(
         "failed to use the results file {}: its tables are version {found}, this program uses version {VERSION}; choose \
@@ -36,7 +36,7 @@ pub(crate) enum ResultsFileError {
     #[error("failed to use the results file {}: {cause}; choose another with --db", path.display())]
     Sqlite { path: PathBuf, cause: String },
     #[error(
-        "failed to use the results file {}: it is damaged ({finding}); use a copy of it, or choose another file with --db",
+        "failed to use the results file {}: it is damaged ({finding}); use a copy of it, or choose another file",
         path.display()
     )]
     Damaged { path: PathBuf, finding: String },
