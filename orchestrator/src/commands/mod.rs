@@ -5,6 +5,7 @@
 
 pub(crate) mod child;
 pub(crate) mod completions;
+pub(crate) mod distribution;
 pub(crate) mod evaluation;
 pub(crate) mod inspection;
 pub(crate) mod results;

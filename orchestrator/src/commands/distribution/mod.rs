@@ -1,0 +1,4 @@
+//! Commands for sweeps that run as shards on several machines.
+
+pub(crate) mod status;
+pub(crate) mod submit;
