@@ -11,7 +11,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::commands::child::{self, ChildArgs};
 use crate::commands::completions::{self, CompletionsArgs};
-use crate::commands::distribution::merge;
+use crate::commands::distribution::{merge, status, submit};
 use crate::commands::evaluation::{demos, fps, plan, record, run};
 use crate::commands::inspection::{checkpoint, doctor, show, tasks};
 use crate::commands::results::{compare, pack, replay, report, verify};
@@ -49,6 +49,10 @@ macro_rules! subcommands {
 subcommands! {
     /// Evaluate policies; the same command again resumes an interrupted run
     Run(run::RunArgs) => run::run,
+    /// Run a sweep as shards on many machines, by an existing scheduler or by ssh
+    Submit(submit::SubmitArgs) => |arguments| submit::submit(arguments, &Cli::parse_run),
+    /// Show the progress of the shards of a sweep
+    Status(status::StatusArgs) => status::status,
     /// Compare two policies on matched episodes, or a policy with itself under perturbations
     Compare(compare::CompareArgs) => compare::compare,
     /// Join the results files of shards, and compare episodes that several of them have
@@ -108,6 +112,17 @@ impl Cli {
         let (command, typed) = words.split_at(2);
         let merged = command.iter().chain(&flags).chain(typed);
         Ok(Self::from_arg_matches(&Self::command().try_get_matches_from(merged)?)?)
+    }
+
+    /// Parses arguments of `run`, as [`Self::parse_with_sweep_file`] does.
+    ///
+    /// # Errors
+    /// As there.
+    pub(crate) fn parse_run(arguments: &[String]) -> anyhow::Result<Box<run::RunArgs>> {
+        let words = ["hypogeum", "run"].into_iter().chain(arguments.iter().map(String::as_str));
+        let Self { command } = Self::parse_with_sweep_file(&words.map(OsString::from).collect::<Vec<_>>())?;
+        let Command::Run(args) = command else { unreachable!("the subcommand is `run`") };
+        Ok(args)
     }
 }
 

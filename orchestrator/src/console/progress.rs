@@ -210,7 +210,7 @@ impl Lines {
 }
 
 /// Formats a duration with one unit, or two where one would be coarse.
-fn format_seconds(seconds: f64) -> String {
+pub(crate) fn format_seconds(seconds: f64) -> String {
     let whole = seconds.ceil() as u64;
     match whole {
         0..120 => format!("{whole} s"),

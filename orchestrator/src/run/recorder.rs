@@ -11,7 +11,7 @@ use crate::console::output::print_message;
 use crate::fleet::{FleetEvent, Totals};
 use crate::plan::RunPlan;
 use crate::plan::jobs::JobList;
-use crate::plan::partition::{Shard, ShardPart, StoredShard};
+use crate::plan::partition::{ShardPart, StoredShard, SweepShard};
 use crate::run::stopping::Stopping;
 use crate::store::build_identity;
 use crate::store::results::{ENVIRONMENT, EpisodeKey, Manifest, Results, SHARD, STOPPING, StoreError};
@@ -24,7 +24,7 @@ pub(crate) struct Recorder<'a> {
     /// Number of episodes of the plan, or of the shard of it that is run.
     n_planned: u64,
     /// The shard, if one is run.
-    shard: Option<Shard>,
+    shard: Option<SweepShard>,
     results: Results,
     started: Instant,
     /// Start of the run, in UTC.

@@ -68,16 +68,11 @@ impl ShardArgs {
     }
 }
 
-/// Cuts a plan into shards, and makes sure that their folder belongs to it.
+/// Cuts a plan into shards.
 ///
 /// # Errors
-/// If there are fewer episodes than shards, or the folder belongs to another sweep.
-pub(crate) fn prepare(
-    plan: &RunPlan,
-    manifest: &Manifest,
-    n_shards: u32,
-    cutting: &CuttingArgs,
-) -> Result<(ShardsFolder, Partition), Failure> {
+/// If there are fewer episodes than shards, or the file of costs cannot be read.
+pub(crate) fn partition(plan: &RunPlan, n_shards: u32, cutting: &CuttingArgs) -> Result<Partition, Failure> {
     if u64::from(n_shards) > plan.n_episodes() {
         return Err(anyhow!("there are {n_shards} shards, but only {} episodes", plan.n_episodes()))
             .or_user();
@@ -89,7 +84,20 @@ pub(crate) fn prepare(
     let earlier = cutting.costs.as_deref().map(ResultsFile::read).transpose().or_user()?;
     let costs = EpisodeCosts::new(plan, earlier.as_ref());
     let pair = plan.stopping.as_ref().map(|rule| &rule.policies);
-    let partition = Partition::new(&StoredPlan::new(plan), pair, &costs, n_shards, audit);
+    Ok(Partition::new(&StoredPlan::new(plan), pair, &costs, n_shards, audit))
+}
+
+/// Cuts a plan into shards, and makes sure that their folder belongs to it.
+///
+/// # Errors
+/// As [`partition`], and if the folder belongs to another sweep.
+pub(crate) fn prepare(
+    plan: &RunPlan,
+    manifest: &Manifest,
+    n_shards: u32,
+    cutting: &CuttingArgs,
+) -> Result<(ShardsFolder, Partition), Failure> {
+    let partition = partition(plan, n_shards, cutting)?;
     let folder = ShardsFolder::beside(&plan.db);
     folder.agree(&SharedSweep::new(plan, manifest, partition.cuts.clone(), &host_name())).or_user()?;
     Ok((folder, partition))

@@ -15,7 +15,7 @@ use xxhash_rust::xxh3::Xxh3;
 pub(crate) use self::costs::EpisodeCosts;
 pub(crate) use self::order::EpisodeOrder;
 use self::order::{EpisodeIdx, PolicyGroup};
-pub(crate) use self::shard::{Shard, ShardRequest};
+pub(crate) use self::shard::{MAX_SHARDS, ShardRequest, SweepShard};
 use crate::store::results::StoredPlan;
 
 /// The partition of a sweep.
@@ -56,7 +56,7 @@ pub(crate) struct StoredShard {
 #[derive(Clone, Debug)]
 pub(crate) struct ShardPart {
     partition: Rc<Partition>,
-    pub(crate) shard: Shard,
+    pub(crate) shard: SweepShard,
     len: u64,
 }
 
@@ -154,7 +154,7 @@ impl Partition {
 
 impl ShardPart {
     /// Returns the part of a shard.
-    pub(crate) fn new(partition: Rc<Partition>, shard: Shard) -> Self {
+    pub(crate) fn new(partition: Rc<Partition>, shard: SweepShard) -> Self {
         let mut part = Self { partition, shard, len: 0 };
         let own = part.range();
         let audits = part.partition.cuts.audit > 0.0;
@@ -256,7 +256,7 @@ mod tests {
     /// Returns how often each episode is run, and the cost of each shard.
     fn runs(partition: &Partition, costs: &EpisodeCosts) -> (Vec<u32>, Vec<f64>) {
         let partition = Rc::new(partition.clone());
-        let shards = (0..partition.count()).map(|index| Shard { index, count: partition.count() });
+        let shards = (0..partition.count()).map(|index| SweepShard { index, count: partition.count() });
         let parts: Vec<ShardPart> =
             shards.map(|shard| ShardPart::new(Rc::clone(&partition), shard)).collect();
         let episodes: Vec<EpisodeIdx> = partition.episodes().collect();
@@ -314,7 +314,7 @@ mod tests {
         assert!(n_runs.iter().all(|n| (1..=2).contains(n)), "{cost:?}");
         let rc = Rc::new(partition);
         for index in 0..4 {
-            let part = ShardPart::new(Rc::clone(&rc), Shard { index, count: 4 });
+            let part = ShardPart::new(Rc::clone(&rc), SweepShard { index, count: 4 });
             for condition in 0..10 {
                 let own =
                     |policy| (0..50).filter(|episode| part.contains((policy, condition, *episode))).count();

@@ -6,11 +6,11 @@ use std::str::FromStr;
 use thiserror::Error;
 
 /// Largest number of shards of a sweep.
-pub(crate) const MAX_SHARDS: u32 = 100_000;
+pub(crate) const MAX_SHARDS: u32 = 10_000;
 
 /// A part of a sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Shard {
+pub(crate) struct SweepShard {
     /// Its index, from 0.
     pub(crate) index: u32,
     /// Number of shards of the sweep.
@@ -21,7 +21,7 @@ pub(crate) struct Shard {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ShardRequest {
     /// `I/N`.
-    Given(Shard),
+    Given(SweepShard),
     /// `auto` or `auto/N`: the index, and without N the number as well, are the engine's.
     Engine(Option<u32>),
 }
@@ -86,7 +86,7 @@ const ENGINES: [Engine; 7] = [
 /// Reads a variable of the environment.
 type Variables<'a> = &'a dyn Fn(&str) -> Option<String>;
 
-impl Shard {
+impl SweepShard {
     /// Makes the shard with this index.
     ///
     /// # Errors
@@ -101,7 +101,7 @@ impl Shard {
     }
 }
 
-impl fmt::Display for Shard {
+impl fmt::Display for SweepShard {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}/{}", self.index, self.count)
     }
@@ -115,8 +115,8 @@ impl FromStr for ShardRequest {
         match typed.split_once('/') {
             None if typed == "auto" => Ok(Self::Engine(None)),
             None => Err(ShardError::Form),
-            Some(("auto", count)) => Ok(Self::Engine(Some(Shard::new(0, number(count)?)?.count))),
-            Some((index, count)) => Ok(Self::Given(Shard::new(number(index)?, number(count)?)?)),
+            Some(("auto", count)) => Ok(Self::Engine(Some(SweepShard::new(0, number(count)?)?.count))),
+            Some((index, count)) => Ok(Self::Given(SweepShard::new(number(index)?, number(count)?)?)),
         }
     }
 }
@@ -126,7 +126,7 @@ impl ShardRequest {
     ///
     /// # Errors
     /// If the environment does not say which one it is.
-    pub(crate) fn resolve(self, variable: Variables<'_>) -> Result<Shard, ShardError> {
+    pub(crate) fn resolve(self, variable: Variables<'_>) -> Result<SweepShard, ShardError> {
         let count = match self {
             Self::Given(shard) => return Ok(shard),
             Self::Engine(count) => count,
@@ -139,7 +139,7 @@ impl ShardRequest {
         let engine = ENGINES.iter().find(is_task).ok_or(ShardError::NoEngine)?;
         let index = number(engine.index, variable)?.unwrap_or(engine.base);
         match count {
-            Some(count) => Shard::new(index.saturating_sub(engine.base), u64::from(count)),
+            Some(count) => SweepShard::new(index.saturating_sub(engine.base), u64::from(count)),
             None => engine.whole_array(index, variable),
         }
     }
@@ -147,7 +147,7 @@ impl ShardRequest {
 
 impl Engine {
     /// Returns the shard of a task, whose array has one for each shard.
-    fn whole_array(&self, index: u64, variable: Variables<'_>) -> Result<Shard, ShardError> {
+    fn whole_array(&self, index: u64, variable: Variables<'_>) -> Result<SweepShard, ShardError> {
         let read = |name: Option<&'static str>| name.map_or(Ok(None), |name| number(name, variable));
         let unknown = |unknown: String| ShardError::NoCount { index: self.index, unknown };
         let [first, last, step] = self.range;
@@ -161,7 +161,7 @@ impl Engine {
         }
         match read(self.count)? {
             Some(found) if found != count => Err(unknown(format!("the array has {found} of {count} tasks"))),
-            _ => Shard::new(index.saturating_sub(first) / step, count),
+            _ => SweepShard::new(index.saturating_sub(first) / step, count),
         }
     }
 }
@@ -217,7 +217,7 @@ mod tests {
     fn unclear_shards_are_refused_in_one_sentence() {
         let wrong = |typed, variables| auto(typed, variables).unwrap_err();
         insta::assert_snapshot!(wrong("16/16", ""), @"there are 16 shards, numbered from 0 to 15; found 16");
-        insta::assert_snapshot!(wrong("0/0", ""), @"the number of shards is 0, expected 1 to 100000");
+        insta::assert_snapshot!(wrong("0/0", ""), @"the number of shards is 0, expected 1 to 10000");
         insta::assert_snapshot!(wrong("3", ""), @"expected I/N, for example 0/16, or auto or auto/N in a task of an array");
         insta::assert_snapshot!(wrong("auto", ""), @"--shard auto found none of SLURM_ARRAY_TASK_ID, HQ_TASK_ID, JOB_COMPLETION_INDEX, PBS_ARRAY_INDEX, PBS_ARRAYID, SGE_TASK_ID, LSB_JOBINDEX: start it as a task of an array, or name the shard as I/N");
         insta::assert_snapshot!(wrong("auto", "HQ_TASK_ID=x"), @"--shard auto: HQ_TASK_ID is `x`, expected a whole number");

@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use rusqlite::Connection;
 use serde_json::{Map, Value, json};
 
-use crate::plan::partition::{Partition, Shard};
+use crate::plan::partition::{Partition, SweepShard};
 use crate::run::stopping::StoppingRule;
 use crate::selection::policy::Identity;
 use crate::store::merging::source::MergeSource;
@@ -114,7 +114,7 @@ pub(crate) fn n_audited(sources: &[MergeSource]) -> anyhow::Result<u64> {
     let plans = source.manifest.get(PLANS).cloned().unwrap_or_default();
     let plans: Vec<StoredPlan> = serde_json::from_value(plans).with_context(invalid)?;
     let Some(plan) = plans.first() else { return Ok(0) };
-    Shard::new(u64::from(shard.shard), shard.cuts.first.len() as u64).with_context(invalid)?;
+    SweepShard::new(u64::from(shard.shard), shard.cuts.first.len() as u64).with_context(invalid)?;
     let rule: Option<StoppingRule> =
         source.manifest.get(STOPPING).cloned().and_then(|rule| serde_json::from_value(rule).ok());
     let partition = Rc::new(Partition::of(plan, rule.as_ref().map(|rule| &rule.policies), shard.cuts));

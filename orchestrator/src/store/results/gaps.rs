@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use anyhow::Context;
 
-use crate::plan::partition::{Partition, Shard, ShardPart, StoredShard};
+use crate::plan::partition::{Partition, ShardPart, StoredShard, SweepShard};
 use crate::selection::condition::{Condition, parse_condition};
 use crate::store::results::file::ResultsFile;
 use crate::store::results::manifest::{PLANS, SHARD, StoredPlan};
@@ -90,7 +90,7 @@ impl ShardPlan<'_> {
 fn shard<'a>(file: &ResultsFile, plan: Option<&'a StoredPlan>) -> anyhow::Result<Option<ShardPlan<'a>>> {
     let (Some(entry), Some(plan)) = (file.manifest.get(SHARD), plan) else { return Ok(None) };
     let StoredShard { shard, cuts, .. } = serde_json::from_value(entry.clone())?;
-    let shard = Shard::new(u64::from(shard), cuts.first.len() as u64)?;
+    let shard = SweepShard::new(u64::from(shard), cuts.first.len() as u64)?;
     let pair = file.stopping.as_ref().map(|rule| &rule.policies);
     let conditions = plan.conditions.iter().map(|(task, perturbation)| parse_condition(task, perturbation));
     let conditions = conditions.collect::<Result<_, _>>()?;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
-use crate::plan::partition::Shard;
+use crate::plan::partition::SweepShard;
 
 /// Name of the file that says what all shards must agree on.
 const SWEEP: &str = "sweep.json";
@@ -37,12 +37,12 @@ impl ShardsFolder {
     }
 
     /// Returns the path of a shard's results file.
-    pub(crate) fn results(&self, shard: Shard) -> PathBuf {
+    pub(crate) fn results(&self, shard: SweepShard) -> PathBuf {
         self.path.join(format!("{}.db", file_stem(shard)))
     }
 
     /// Returns the path of a shard's state.
-    pub(crate) fn state(&self, shard: Shard) -> PathBuf {
+    pub(crate) fn state(&self, shard: SweepShard) -> PathBuf {
         self.path.join(format!("{}.json", file_stem(shard)))
     }
 
@@ -90,7 +90,7 @@ pub(crate) fn results_files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
 }
 
 /// Returns the name of a shard's files without their extension, so that names sort like shards.
-pub(crate) fn file_stem(shard: Shard) -> String {
+pub(crate) fn file_stem(shard: SweepShard) -> String {
     let digits = (shard.count - 1).to_string().len();
     format!("shard-{:0digits$}-of-{}", shard.index, shard.count)
 }

@@ -13,7 +13,7 @@ use serde_json::{Map, Value, json};
 use thiserror::Error;
 
 use crate::plan::RunPlan;
-use crate::plan::partition::{Cuts, Shard};
+use crate::plan::partition::{Cuts, SweepShard};
 use crate::run::stopping::StoppingRule;
 use crate::selection::policy::Identity;
 use crate::store::results::{Manifest, StoredPlan};
@@ -168,7 +168,7 @@ impl ShardsFolder {
     }
 
     /// Removes what a killed task has left of files that it was writing.
-    pub(crate) fn remove_leftovers(&self, shard: Shard) {
+    pub(crate) fn remove_leftovers(&self, shard: SweepShard) {
         let stem = self.results(shard).with_extension("");
         let stem = stem.file_name().map(|name| format!("{}.", name.to_string_lossy())).unwrap_or_default();
         for entry in std::fs::read_dir(self.path()).into_iter().flatten().flatten() {

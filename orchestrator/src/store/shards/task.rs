@@ -13,7 +13,7 @@ use xxhash_rust::xxh3::xxh3_64;
 use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::output::print_message;
 use crate::fleet::FleetEvent;
-use crate::plan::partition::{Shard, ShardPart};
+use crate::plan::partition::{ShardPart, SweepShard};
 use crate::store::results::n_finished_in;
 use crate::store::shards::folder::{ShardsFolder, file_stem};
 use crate::store::shards::saver::{BEAT, Saver, ShardPaths, remove_results, save};
@@ -30,7 +30,7 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(500);
 #[derive(Debug)]
 pub(crate) struct ShardTask {
     folder: ShardsFolder,
-    shard: Shard,
+    shard: SweepShard,
     paths: ShardPaths,
     saver: Saver,
     host: String,
@@ -139,7 +139,7 @@ impl ShardTask {
 }
 
 /// Waits until no other task can be running the shard.
-fn wait_for_claim(path: &Path, shard: Shard, host: &str) -> anyhow::Result<()> {
+fn wait_for_claim(path: &Path, shard: SweepShard, host: &str) -> anyhow::Result<()> {
     let read =
         || ShardState::read(path).with_context(|| format!("failed to read {}; remove it", path.display()));
     let is_gone = |state: &ShardState| {
@@ -184,7 +184,7 @@ fn scratch_folder(given: Option<&Path>) -> anyhow::Result<PathBuf> {
 }
 
 /// Returns a file name that belongs to one shard of one sweep.
-fn scratch_name(folder: &ShardsFolder, shard: Shard) -> anyhow::Result<String> {
+fn scratch_name(folder: &ShardsFolder, shard: SweepShard) -> anyhow::Result<String> {
     let path = std::fs::canonicalize(folder.path())?;
     let sweep = [path.as_os_str().as_encoded_bytes(), &std::fs::read(folder.sweep())?].concat();
     Ok(format!("hypogeum-{:016x}-{}.db", xxh3_64(&sweep), file_stem(shard)))
