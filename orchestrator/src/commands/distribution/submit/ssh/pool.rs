@@ -148,7 +148,7 @@ impl<'a> ShardPool<'a> {
         remote.set_up(&self.sweep.program, self.inputs)?;
         let waiting: Vec<String> =
             lock(&self.queue).waiting.iter().map(|shard| name(&self.sweep.folder.results(*shard))).collect();
-        remote.fetch_results(&waiting)
+        remote.fetch_leftovers(&waiting)
     }
 
     fn work(&self, remote: &Remote<'_>, failures: &AtomicU32) {

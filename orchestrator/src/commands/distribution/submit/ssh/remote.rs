@@ -43,22 +43,31 @@ impl Remote<'_> {
         complete(self.rsync(&arguments.collect::<Vec<_>>())?, "")
     }
 
-    /// Copies files in the folder of the shards to the machine: those that are here and not newer there.
+    /// Copies files in the folder of the shards to the machine, those that are here. Which of two is newer is
+    /// not asked: clocks differ, and what is here was fetched last.
     ///
     /// # Errors
     /// If they cannot be copied.
     pub(crate) fn push(&self, names: &[String]) -> Result<()> {
         let (here, there) = (format!("./{}/", self.folder), self.path(&format!("work/{}/", self.folder)));
-        let options = ["-a", "--update", "--ignore-missing-args", "--files-from=-", &here, &there];
+        let options = ["-a", "--ignore-missing-args", "--files-from=-", &here, &there];
         complete(self.rsync(&options)?, &names.join("\n"))
     }
 
-    /// Copies results in the folder of the shards from the machine: those that are there and not newer here.
+    /// Copies results in the folder of the shards from the machine, whose task is the latest.
     ///
     /// # Errors
     /// If they cannot be copied.
     pub(crate) fn fetch_results(&self, names: &[String]) -> Result<()> {
-        self.fetch(&["-a", "--update"], names)
+        self.fetch(&["-a"], names)
+    }
+
+    /// Copies results from the machine that are not here.
+    ///
+    /// # Errors
+    /// If they cannot be copied.
+    pub(crate) fn fetch_leftovers(&self, names: &[String]) -> Result<()> {
+        self.fetch(&["-a", "--ignore-existing"], names)
     }
 
     /// Copies a state from the machine. The copy's time is that of this machine's clock.
