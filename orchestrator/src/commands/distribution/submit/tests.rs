@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use serde_json::{Map, Value, json};
 
 use super::EngineArgs;
-use super::sharded_sweep::{AuditShare, EngineDefaults, ShardedSweep, line};
+use super::sharded_sweep::{EngineDefaults, ShardedSweep, line};
 use super::ssh::{Remote, SshHost, inputs};
 use super::template::Template;
 use super::tool::ToolOptions;
@@ -275,9 +275,9 @@ fn ssh_tasks_run_in_mirrored_folder() {
 fn wrong_arguments_give_one_sentence() {
     let wrong = |engine, arguments| generated(engine, arguments).unwrap_err();
     insta::assert_snapshot!(wrong("slurm", ""), @"name the sweep file and the number of shards: SWEEP.toml --shards N");
-    insta::assert_snapshot!(wrong("slurm", "--shards 5"), @"--shards is 5, but the sweep has only 4 episodes");
+    insta::assert_snapshot!(wrong("slurm", "--shards 5"), @"there are 5 shards, but only 4 episodes");
     insta::assert_snapshot!(wrong("slurm", "--shards 0"), @"error: invalid value '0' for '--shards <N>': 0 is not in 1..=10000");
-    insta::assert_snapshot!(wrong("slurm", "--shards 2 --audit 101%"), @"error: invalid value '101%' for '--audit <SHARE>': expected a share from 0 to 100%, for example 1% or 0.01");
+    insta::assert_snapshot!(wrong("slurm", "--shards 2 --audit 101%"), @"error: invalid value '101%' for '--audit <SHARE>': expected a share above 0 and up to 1, for example 1% or 0.01");
     insta::assert_snapshot!(wrong("slurm", "--shards 2 --sbatch \"-p 'long\""), @"error: invalid value '-p 'long' for '--sbatch <OPTIONS>': expected options on one line, with all quotes closed");
     insta::assert_snapshot!(wrong("slurm", "--shards 2 -- --shard 0/2"), @"--shard is what `submit` tells the shards: name --shards, --audit, --costs, --scratch before `--`");
     insta::assert_snapshot!(wrong("slurm", "--shards 2 -- --costs=a.db"), @"--costs=a.db is what `submit` tells the shards: name --shards, --audit, --costs, --scratch before `--`");
@@ -306,17 +306,6 @@ fn template_errors_name_file_and_line() {
 }
 
 #[test]
-fn typed_values_are_parsed_at_the_edge() {
-    assert_eq!("1%".parse::<AuditShare>(), "0.01".parse());
-    assert!("-1%".parse::<AuditShare>().is_err() && "nan".parse::<AuditShare>().is_err());
-    let options: ToolOptions = "-p 'a b'".parse().unwrap();
-    assert_eq!(ToolOptions::words(&[options]), ["-p", "a b"]);
-    let host = |typed: &str| typed.parse::<SshHost>().map(|host| (host.name, host.n_tasks));
-    assert_eq!(host("me@c.lab:12"), Ok(("me@c.lab".to_owned(), 12)));
-    assert_eq!(host("a"), Ok(("a".to_owned(), 1)));
-}
-
-#[test]
 fn paths_outside_the_folder_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sweep.toml");
@@ -332,4 +321,13 @@ fn paths_outside_the_folder_are_refused() {
     insta::assert_snapshot!(inputs("../sweep.toml").unwrap_err(), @"the sweep file: ../sweep.toml is not below the current folder, which the machines mirror: copy or link it there and name it by a relative path");
     insta::assert_snapshot!(inputs("~/sweep.toml").unwrap_err(), @"the sweep file: ~/sweep.toml is not below the current folder, which the machines mirror: copy or link it there and name it by a relative path");
     insta::assert_snapshot!(inputs("/sweep.toml").unwrap_err(), @"the sweep file: /sweep.toml is not below the current folder, which the machines mirror: copy or link it there and name it by a relative path");
+}
+
+#[test]
+fn typed_values_are_parsed_at_the_edge() {
+    let options: ToolOptions = "-p 'a b'".parse().unwrap();
+    assert_eq!(ToolOptions::words(&[options]), ["-p", "a b"]);
+    let host = |typed: &str| typed.parse::<SshHost>().map(|host| (host.name, host.n_tasks));
+    assert_eq!(host("me@c.lab:12"), Ok(("me@c.lab".to_owned(), 12)));
+    assert_eq!(host("a"), Ok(("a".to_owned(), 1)));
 }
