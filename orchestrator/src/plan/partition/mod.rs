@@ -7,6 +7,7 @@ mod costs;
 mod order;
 mod shard;
 
+use std::cell::OnceCell;
 use std::rc::Rc;
 
 use serde::{Deserialize, Serialize};
@@ -44,6 +45,8 @@ pub(crate) struct StoredShard {
     pub(crate) shard: u32,
     #[serde(flatten)]
     pub(crate) cuts: Cuts,
+    /// Number of its episodes that are another shard's and audited.
+    pub(crate) n_second: u64,
     /// Machines that ran its tasks: names, CPUs, and extensions of the instruction set.
     #[serde(default)]
     pub(crate) machines: Vec<String>,
@@ -57,7 +60,8 @@ pub(crate) struct StoredShard {
 pub(crate) struct ShardPart {
     partition: Rc<Partition>,
     pub(crate) shard: SweepShard,
-    len: u64,
+    /// Number of episodes that are not in its range but audited.
+    n_second: OnceCell<u64>,
 }
 
 impl Partition {
@@ -84,8 +88,16 @@ impl Partition {
         Self::of(plan, pair, Cuts { first, audit })
     }
 
-    /// Restores a partition.
-    pub(crate) fn of(plan: &StoredPlan, pair: Option<&[String; 2]>, cuts: Cuts) -> Self {
+    /// Restores a partition from a file; `None` if these are no cuts of the plan.
+    pub(crate) fn restore(plan: &StoredPlan, pair: Option<&[String; 2]>, cuts: Cuts) -> Option<Self> {
+        let len = order(plan, pair).len();
+        let is_sorted = cuts.first.first() == Some(&0) && cuts.first.is_sorted();
+        let is_valid =
+            is_sorted && cuts.first.iter().all(|first| *first <= len) && (0.0..=1.0).contains(&cuts.audit);
+        is_valid.then(|| Self::of(plan, pair, cuts))
+    }
+
+    fn of(plan: &StoredPlan, pair: Option<&[String; 2]>, cuts: Cuts) -> Self {
         let order = order(plan, pair);
         let policies = plan.policies.iter().map(|name| hash(&[name])).collect();
         let conditions =
@@ -96,15 +108,6 @@ impl Partition {
     /// Returns the number of shards.
     pub(crate) fn count(&self) -> u32 {
         self.cuts.first.len() as u32
-    }
-
-    /// Returns the number of episodes that two shards run.
-    pub(crate) fn n_audited(&self) -> u64 {
-        if self.cuts.audit == 0.0 {
-            0
-        } else {
-            self.episodes().filter(|idx| self.second_owner(*idx).is_some()).count() as u64
-        }
     }
 
     /// Returns all episodes of the plan.
@@ -155,23 +158,25 @@ impl Partition {
 impl ShardPart {
     /// Returns the part of a shard.
     pub(crate) fn new(partition: Rc<Partition>, shard: SweepShard) -> Self {
-        let mut part = Self { partition, shard, len: 0 };
-        let own = part.range();
-        let audits = part.partition.cuts.audit > 0.0;
-        let second =
-            if audits { part.partition.episodes().filter(|idx| part.audits(*idx)).count() } else { 0 };
-        part.len = own.end - own.start + second as u64;
-        part
+        Self { partition, shard, n_second: OnceCell::new() }
     }
 
     /// Returns what the shard's results file says about it.
     pub(crate) fn stored(&self, machines: Vec<String>, command: Vec<String>) -> StoredShard {
-        StoredShard { shard: self.shard.index, cuts: self.partition.cuts.clone(), machines, command }
+        let (shard, cuts) = (self.shard.index, self.partition.cuts.clone());
+        StoredShard { shard, cuts, n_second: self.n_second(), machines, command }
     }
 
     /// Returns the number of episodes.
     pub(crate) fn len(&self) -> u64 {
-        self.len
+        let own = self.range();
+        own.end - own.start + self.n_second()
+    }
+
+    /// Returns the number of episodes that another shard runs as well, before this one.
+    fn n_second(&self) -> u64 {
+        let count = || self.partition.episodes().filter(|idx| self.audits(*idx)).count() as u64;
+        *self.n_second.get_or_init(|| if self.partition.cuts.audit > 0.0 { count() } else { 0 })
     }
 
     /// Returns `true` if the shard runs an episode.
@@ -298,10 +303,27 @@ mod tests {
         let (n_runs, _) = runs(&partition, &costs);
         let n_twice = n_runs.iter().filter(|n| **n == 2).count();
         assert_eq!(n_runs.iter().filter(|n| **n != 1).count(), n_twice);
-        assert_eq!(n_twice as u64, partition.n_audited());
         assert!((140..260).contains(&n_twice), "{n_twice} of 4000");
         let alone = Partition::new(&plan, None, &costs, 1, 0.05);
-        assert_eq!(alone.n_audited(), 0);
+        assert!(runs(&alone, &costs).0.iter().all(|n| *n == 1));
+    }
+
+    #[test]
+    fn cuts_of_another_plan_are_refused() {
+        let plan = plan(2, 3, 10);
+        let restored =
+            |first: &[u64], audit| Partition::restore(&plan, None, Cuts { first: first.to_vec(), audit });
+        assert!(restored(&[0, 30, 60], 0.5).is_some());
+        for (first, audit) in [
+            (&[][..], 0.0),
+            (&[1, 2], 0.0),
+            (&[0, 5, 4], 0.0),
+            (&[0, 61], 0.0),
+            (&[0], 2.0),
+            (&[0], f64::NAN),
+        ] {
+            assert!(restored(first, audit).is_none(), "{first:?} {audit}");
+        }
     }
 
     #[test]

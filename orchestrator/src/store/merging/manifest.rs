@@ -1,13 +1,11 @@
 //! The manifest of a merged file: what all files agree on, and the circumstances of each.
 
 use std::collections::BTreeMap;
-use std::rc::Rc;
 
 use anyhow::{Context, bail};
 use rusqlite::Connection;
 use serde_json::{Map, Value, json};
 
-use crate::plan::partition::{Partition, SweepShard};
 use crate::run::stopping::StoppingRule;
 use crate::selection::policy::Identity;
 use crate::store::merging::source::MergeSource;
@@ -102,23 +100,10 @@ pub(crate) fn write(manifest: &MergedManifest, connection: &Connection) -> Resul
     put(connection, ENVIRONMENT, &manifest.environment)
 }
 
-/// Returns the number of episodes that two shards were to run.
-///
-/// # Errors
-/// If the description of a shard is invalid.
-pub(crate) fn n_audited(sources: &[MergeSource]) -> anyhow::Result<u64> {
-    let Some((source, shard)) = sources.iter().find_map(|source| Some((source, source.shard()?))) else {
-        return Ok(0);
-    };
-    let invalid = || format!("{}: its manifest has no valid {SHARD}", source.path.display());
-    let plans = source.manifest.get(PLANS).cloned().unwrap_or_default();
-    let plans: Vec<StoredPlan> = serde_json::from_value(plans).with_context(invalid)?;
-    let Some(plan) = plans.first() else { return Ok(0) };
-    SweepShard::new(u64::from(shard.shard), shard.cuts.first.len() as u64).with_context(invalid)?;
-    let rule: Option<StoppingRule> =
-        source.manifest.get(STOPPING).cloned().and_then(|rule| serde_json::from_value(rule).ok());
-    let partition = Rc::new(Partition::of(plan, rule.as_ref().map(|rule| &rule.policies), shard.cuts));
-    Ok(partition.n_audited())
+/// Returns the number of episodes that the shards among the files were to run although others have them.
+pub(crate) fn n_audited(sources: &[MergeSource]) -> u64 {
+    let shards = sources.iter().filter_map(MergeSource::shard).map(|shard| (shard.shard, shard.n_second));
+    shards.collect::<BTreeMap<u32, u64>>().values().fold(0, |sum, n| sum.saturating_add(*n))
 }
 
 /// Returns the circumstances of the first file, with the time of all runs and the circumstances of each.

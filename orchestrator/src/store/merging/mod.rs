@@ -18,7 +18,7 @@ use rusqlite::{Connection, Statement};
 
 use self::source::{CellNames, MergeSource, SourceRows};
 use self::tally::CellTally;
-use crate::store::results::{COUNT, Column, Gap, create_for_bulk, insert, not_used, whole_rows};
+use crate::store::results::{COUNT, Column, Gap, create_for_bulk, insert, not_used, not_written, whole_rows};
 
 /// Contradictions that are described; the others are counted.
 const MAX_DESCRIBED: usize = 20;
@@ -39,7 +39,7 @@ pub(crate) struct MergeOutcome {
     pub(crate) n_errors: u64,
     /// Episodes of which several of the files that were added have a row without an error.
     pub(crate) n_compared: u64,
-    /// Episodes that two shards were to run.
+    /// Episodes that shards were to run although others have them.
     pub(crate) n_audited: u64,
     /// Machines whose rows were compared with each other.
     pub(crate) machines: BTreeSet<String>,
@@ -121,23 +121,20 @@ pub(crate) fn merge(
         .with_context(written)?;
     let partial = partial.into_temp_path();
     let connection = create_for_bulk(&partial).with_context(written)?;
-    let JoinedRows { found: mut outcome, compared, tally } =
-        join_rows(&sources, &connection, &partial, observer)?;
+    let JoinedRows { found: mut outcome, compared, tally } = join_rows(&sources, &connection, out, observer)?;
     outcome.machines = compared.iter().flat_map(|idx| sources[*idx].machines.clone()).collect();
     if outcome.is_stopped || outcome.n_contradictions > 0 {
         return Ok(outcome);
     }
     outcome.gaps = tally.gaps(&manifest)?;
-    outcome.n_audited = manifest::n_audited(&sources)?;
+    outcome.n_audited = manifest::n_audited(&sources);
     outcome.command =
         sources.iter().find_map(|source| Some(source.shard()?.command).filter(|it| !it.is_empty()));
     if outcome.n_new == 0 && had_target {
         return Ok(outcome);
     }
-    manifest::write(&manifest, &connection)
-        .map_err(|error| not_used(&partial, error))
-        .with_context(written)?;
-    connection.close().map_err(|(_, error)| not_used(&partial, error)).with_context(written)?;
+    manifest::write(&manifest, &connection).map_err(|error| not_written(out, error))?;
+    connection.close().map_err(|(_, error)| not_written(out, error))?;
     File::open(&partial).and_then(|file| file.sync_all()).with_context(written)?;
     partial.persist(out).with_context(written)?;
     Ok(outcome)
@@ -156,10 +153,10 @@ struct JoinedRows {
 fn join_rows(
     sources: &[MergeSource],
     target: &Connection,
-    path: &Path,
+    out: &Path,
     observer: &mut dyn MergeObserver,
 ) -> anyhow::Result<JoinedRows> {
-    let sqlite = |error| not_used(path, error);
+    let sqlite = |error| not_written(out, error);
     target.pragma_update(None, "cache_size", -TARGET_CACHE).map_err(sqlite)?;
     target.execute_batch("BEGIN").map_err(sqlite)?;
     let mut insertion = target.prepare(&insert()).map_err(sqlite)?;

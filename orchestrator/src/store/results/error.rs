@@ -89,6 +89,12 @@ pub(crate) enum StoreError {
     Vanished { path: PathBuf, n: u64 },
 }
 
+/// Describes an error of SQLite while a new results file is written.
+pub(crate) fn not_written(path: &Path, error: rusqlite::Error) -> ResultsFileError {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    ResultsFileError::Copy { path: path.into(), cause: cause(folder, error) }
+}
+
 /// Classifies an error of SQLite while a results file is opened or checked.
 pub(crate) fn not_used(path: &Path, source: rusqlite::Error) -> ResultsFileError {
     match source.sqlite_error_code() {

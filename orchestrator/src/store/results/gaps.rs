@@ -3,12 +3,15 @@
 use std::collections::HashMap;
 use std::rc::Rc;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 
 use crate::plan::partition::{Partition, ShardPart, StoredShard, SweepShard};
 use crate::selection::condition::{Condition, parse_condition};
 use crate::store::results::file::ResultsFile;
 use crate::store::results::manifest::{PLANS, SHARD, StoredPlan};
+
+/// Most episodes of a cell, as of `run`.
+const MAX_EPISODES: u32 = 1_000_000;
 
 /// Planned episodes of one cell that are missing.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,7 +53,8 @@ pub(crate) fn gaps(file: &ResultsFile) -> anyhow::Result<Option<Vec<Gap>>> {
             }
         }
     }
-    let shard = shard(file, plans.first()).with_context(invalid)?;
+    let shard = shard(file, plans.first())
+        .with_context(|| format!("{}: its manifest has no valid {SHARD}", file.path.display()))?;
     let gap = |(policy, condition): (&str, Condition)| {
         let found = found.get(&(policy, condition)).map_or(&[][..], Vec::as_slice);
         let expected = if file.may_end_early(policy) {
@@ -58,13 +62,20 @@ pub(crate) fn gaps(file: &ResultsFile) -> anyhow::Result<Option<Vec<Gap>>> {
         } else {
             planned[&(policy, condition)]
         };
-        let is_planned =
-            |episode: &u32| shard.as_ref().is_none_or(|shard| shard.contains(policy, condition, *episode));
         // Rows are sorted by episode.
-        let is_missing = |episode: &u32| is_planned(episode) && found.binary_search(episode).is_err();
-        let mut missing = (0..expected).filter(is_missing);
-        let first = missing.next()?;
-        Some(Gap { policy: policy.to_owned(), condition, n: 1 + missing.count() as u32, first })
+        let (n, first) = match &shard {
+            None => {
+                let n_found = found.iter().filter(|episode| **episode < expected).count() as u32;
+                (expected - n_found, (0..expected).find(|idx| found.get(*idx as usize) != Some(idx))?)
+            }
+            Some(shard) => {
+                let is_missing = |episode: &u32| found.binary_search(episode).is_err();
+                let mut missing = shard.episodes(policy, condition, expected).filter(is_missing);
+                let first = missing.next()?;
+                (1 + missing.count() as u32, first)
+            }
+        };
+        (n > 0).then(|| Gap { policy: policy.to_owned(), condition, n, first })
     };
     Ok(Some(cells.into_iter().filter_map(gap).collect()))
 }
@@ -77,12 +88,15 @@ struct ShardPlan<'a> {
 }
 
 impl ShardPlan<'_> {
-    fn contains(&self, policy: &str, condition: Condition, episode: u32) -> bool {
+    /// Returns those of a cell that are below `end`.
+    fn episodes(&self, policy: &str, condition: Condition, end: u32) -> impl Iterator<Item = u32> {
         let policy = self.plan.policies.iter().position(|name| name == policy);
         let condition = self.conditions.iter().position(|own| *own == condition);
-        policy
-            .zip(condition)
-            .is_some_and(|(policy, condition)| self.part.contains((policy, condition, episode)))
+        let cell = policy.zip(condition);
+        let is_own = move |episode: &u32| {
+            cell.is_some_and(|(policy, condition)| self.part.contains((policy, condition, *episode)))
+        };
+        (0..end.min(self.plan.episodes)).filter(is_own)
     }
 }
 
@@ -94,6 +108,8 @@ fn shard<'a>(file: &ResultsFile, plan: Option<&'a StoredPlan>) -> anyhow::Result
     let pair = file.stopping.as_ref().map(|rule| &rule.policies);
     let conditions = plan.conditions.iter().map(|(task, perturbation)| parse_condition(task, perturbation));
     let conditions = conditions.collect::<Result<_, _>>()?;
-    let part = ShardPart::new(Rc::new(Partition::of(plan, pair, cuts)), shard);
+    ensure!(plan.episodes <= MAX_EPISODES, "{} episodes, expected up to {MAX_EPISODES}", plan.episodes);
+    let partition = Partition::restore(plan, pair, cuts).context("the shards are not those of the plan")?;
+    let part = ShardPart::new(Rc::new(partition), shard);
     Ok(Some(ShardPlan { part, plan, conditions }))
 }

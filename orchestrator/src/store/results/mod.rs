@@ -23,7 +23,7 @@ pub(crate) use rusqlite::types::Value;
 
 pub(crate) use self::columns::{Column, EpisodeKey, Values};
 pub(crate) use self::episodes::{CellSums, FinishedEpisodes, Results};
-pub(crate) use self::error::{ResultsFileError, StoreError, not_used};
+pub(crate) use self::error::{ResultsFileError, StoreError, not_used, not_written};
 pub(crate) use self::file::{EpisodeRow, ResultsFile};
 pub(crate) use self::gaps::{Gap, gaps};
 pub(crate) use self::integrity::row_finding;

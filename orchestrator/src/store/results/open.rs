@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use rusqlite::{Connection, OpenFlags};
 
-use crate::store::results::error::{ResultsFileError, cause, not_used};
+use crate::store::results::error::{ResultsFileError, not_used, not_written};
 use crate::store::results::integrity;
 use crate::store::results::schema::{APPLICATION_ID, VERSION, create, n_finished};
 
@@ -106,10 +106,7 @@ fn is_ahead(path: &Path) -> bool {
 pub(crate) fn copy_snapshot(path: &Path, copy: &Path) -> Result<(), ResultsFileError> {
     let target = format!("{}?nolock=1", uri(&file_name(copy)?));
     let copied = open_read_only(path)?.execute("VACUUM INTO ?1", [target]);
-    let folder = copy.parent().unwrap_or(copy);
-    copied
-        .map(|_| ())
-        .map_err(|error| ResultsFileError::Copy { path: copy.into(), cause: cause(folder, error) })
+    copied.map(|_| ()).map_err(|error| not_written(copy, error))
 }
 
 /// Returns the number of episodes without an error in a results file.
