@@ -106,9 +106,10 @@ fn report(args: &MergeArgs, n_files: usize, outcome: &MergeOutcome) -> String {
                 outcome.n_contradictions
             );
     }
+    let files = if n_files == 1 { "1 file".to_owned() } else { format!("{n_files} files") };
     let mut text = match outcome.n_new {
-        0 => format!("{out}: nothing new in {n_files} files, {} episodes\n", outcome.n_rows),
-        n => format!("{out}: {} episodes, {n} of them new, from {n_files} files\n", outcome.n_rows),
+        0 => format!("{out}: nothing new in {files}, {} episodes\n", outcome.n_rows),
+        n => format!("{out}: {} episodes, {n} of them new, from {files}\n", outcome.n_rows),
     };
     text += &audit(outcome);
     if outcome.n_errors > 0 {

@@ -49,8 +49,6 @@ struct Shared {
 struct SaverProgress {
     state: ShardState,
     has_ended: bool,
-    /// `true` if another task has taken the shard over.
-    is_lost: bool,
 }
 
 impl Saver {
@@ -59,7 +57,7 @@ impl Saver {
     /// # Errors
     /// If no thread can be started.
     pub(crate) fn start(paths: ShardPaths, state: ShardState) -> io::Result<Self> {
-        let progress = SaverProgress { state, has_ended: false, is_lost: false };
+        let progress = SaverProgress { state, has_ended: false };
         let shared =
             Shared { paths, progress: Mutex::new(progress), ended: Condvar::new(), started: Instant::now() };
         let shared = Arc::new(shared);
@@ -78,10 +76,10 @@ impl Saver {
     /// Ends the thread. Returns the state, and `false` if another task has taken the shard over.
     pub(crate) fn end(mut self) -> (ShardState, bool) {
         self.stop();
-        let progress = self.shared.lock();
-        let mut state = progress.state.clone();
+        let mut state = self.shared.lock().state.clone();
         state.wall_s = self.shared.started.elapsed().as_secs_f64();
-        (state, !progress.is_lost)
+        let is_ours = self.shared.is_ours(&state);
+        (state, is_ours)
     }
 
     fn stop(&mut self) {
@@ -118,7 +116,6 @@ impl Shared {
             let state = progress.state.clone();
             drop(progress);
             if !self.is_ours(&state) {
-                self.lock().is_lost = true;
                 let _ = signal_hook::low_level::raise(SIGTERM);
                 return;
             }

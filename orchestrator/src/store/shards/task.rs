@@ -23,6 +23,8 @@ use crate::study::machine::host_name;
 /// Time without a sign of life after which a task counts as killed: more than two beats, and the time for
 /// which network file systems keep what they have read.
 const SILENCE: Duration = Duration::from_secs(3 * BEAT.as_secs() + 5);
+/// Time after a claim in which a claim at the same time is noticed.
+const CLAIM_TIME: Duration = Duration::from_secs(1);
 /// Time between two looks at the state of another task.
 const LOOK_INTERVAL: Duration = Duration::from_millis(500);
 
@@ -71,7 +73,16 @@ impl ShardTask {
             message: None,
         };
         state.write(&paths.state).map_err(|error| folder.not_written(error))?;
-        let n_done = restore(&paths)?;
+        // Of tasks that claim a shard at the same time, the last one to write has it.
+        thread::sleep(CLAIM_TIME);
+        if let Some(other) = read_state(&paths.state)?.filter(|other| other.token != state.token) {
+            bail!(taken(shard, &other));
+        }
+        let n_done = restore(&paths).inspect_err(|error| {
+            (state.phase, state.message) = (ShardPhase::Failed, Some(format!("{error:#}")));
+            // The error itself is reported, whether or not it can be noted.
+            let _ = state.write(&paths.state);
+        })?;
         (state.done, state.done_before) = (n_done, n_done);
         let saver = Saver::start(paths.clone(), state).context("failed to start a thread")?;
         Ok(Self { folder, shard, paths, saver, host })
@@ -140,32 +151,40 @@ impl ShardTask {
 
 /// Waits until no other task can be running the shard.
 fn wait_for_claim(path: &Path, shard: SweepShard, host: &str) -> anyhow::Result<()> {
-    let read =
-        || ShardState::read(path).with_context(|| format!("failed to read {}; remove it", path.display()));
     let is_gone = |state: &ShardState| {
         let pid = Pid::from_raw(state.pid.cast_signed());
-        state.phase != ShardPhase::Running
-            || state.host == host && pid.is_none_or(|pid| test_kill_process(pid) == Err(Errno::SRCH))
+        // A container has its host name and its process id again when it is restarted.
+        let is_alive = |pid| state.pid != std::process::id() && test_kill_process(pid) != Err(Errno::SRCH);
+        state.phase != ShardPhase::Running || state.host == host && !pid.is_some_and(is_alive)
     };
-    let Some(first) = read()?.filter(|state| !is_gone(state)) else { return Ok(()) };
-    let other = format!("process {} on {}", first.pid, first.host);
+    let Some(first) = read_state(path)?.filter(|state| !is_gone(state)) else { return Ok(()) };
     print_message(&format!(
-        "shard {shard} was being run by {other}; waiting {} s for a sign of life before it is taken over",
+        "shard {shard} was being run by process {} on {}; waiting {} s for a sign of life before it is taken over",
+        first.pid,
+        first.host,
         SILENCE.as_secs()
     ));
     let begun = Instant::now();
     while begun.elapsed() < SILENCE {
         thread::sleep(LOOK_INTERVAL);
-        let Some(now) = read()?.filter(|state| !is_gone(state)) else { return Ok(()) };
+        let Some(now) = read_state(path)?.filter(|state| !is_gone(state)) else { return Ok(()) };
         if (now.beat, &now.token) != (first.beat, &first.token) {
-            bail!(
-                "shard {shard} is being run by process {} on {}: give every task its own shard, or end the other one",
-                now.pid,
-                now.host
-            );
+            bail!(taken(shard, &now));
         }
     }
     Ok(())
+}
+
+fn read_state(path: &Path) -> anyhow::Result<Option<ShardState>> {
+    ShardState::read(path).with_context(|| format!("failed to read {}; remove it", path.display()))
+}
+
+/// Says that another task runs the shard.
+fn taken(shard: SweepShard, state: &ShardState) -> String {
+    format!(
+        "shard {shard} is being run by process {} on {}: give every task its own shard, or end the other one",
+        state.pid, state.host
+    )
 }
 
 /// Returns the folder for the results file of a running shard.
@@ -192,7 +211,11 @@ fn scratch_name(folder: &ShardsFolder, shard: SweepShard) -> anyhow::Result<Stri
 
 /// Puts what earlier tasks have finished into the scratch file. Returns the number of episodes.
 fn restore(paths: &ShardPaths) -> anyhow::Result<u64> {
-    let saved = if paths.saved.exists() { Some(n_finished_in(&paths.saved)?) } else { None };
+    let count = || {
+        let hint = || format!("remove {} to run the shard from its start", paths.saved.display());
+        n_finished_in(&paths.saved).with_context(hint)
+    };
+    let saved = if paths.saved.exists() { Some(count()?) } else { None };
     // A task that was killed on this node has left more there than it had saved.
     let left = if paths.scratch.exists() { n_finished_in(&paths.scratch).ok() } else { None };
     match (saved, left) {
