@@ -5,6 +5,7 @@
 
 use std::ffi::OsString;
 use std::path::Path;
+use std::rc::Rc;
 
 use run_config::Execution;
 use serde_json::Value;
@@ -18,12 +19,14 @@ use crate::commands::results::compare;
 use crate::console::exit::{Failure, OrUser};
 use crate::console::output_files::{OutputFolder, Overwriting};
 use crate::plan::RunPlan;
+use crate::plan::partition::{EpisodeCosts, Partition, ShardPart, SweepShard};
 use crate::plan::sweep::{DEFAULT_LEVELS, SweepArgs};
 use crate::run::stopping::Stopping;
 use crate::selection::policy::Identity;
 use crate::selection::selectors::{PerturbationSelector, TaskSelector};
 use crate::store::export::{ExportFormat, export};
-use crate::store::results::{EpisodeKey, Manifest, RecordedEpisodes, Results};
+use crate::store::merging::{Unwatched, merge};
+use crate::store::results::{EpisodeKey, Manifest, RecordedEpisodes, Results, SHARD, StoredPlan};
 use crate::study::analysis::{Comparison, ComparisonOptions, Evaluation, Metric, read_files};
 use crate::study::page::{self, ExternalData, FpsTable, HardwareTable, PageOptions, ReportContent};
 use crate::study::report;
@@ -125,6 +128,9 @@ pub fn read_results(path: &Path, output: &Path) -> Result<usize, String> {
             assert!(actions.is_err() || !recorded.episodes()[idx].name().is_empty());
         }
     }
+    let merged = merge(&output.join("merged.db"), &[path.to_owned()], &mut Unwatched);
+    let merged = merged.map_err(|error| message(Failure::User(error)))?;
+    assert_eq!(merged.n_rows, n_episodes as u64, "merging loses no row");
     resume(path).map_err(message)?;
     Ok(n_episodes)
 }
@@ -201,6 +207,13 @@ pub fn write_results(path: &Path) {
         .set_metadata(crate::store::results::ENVIRONMENT, &serde_json::json!({ "machine": { "cores": 2 } }))
         .expect("it is writable");
     results.set_renderer("cpu").expect("it is writable");
+    results.add_plan(&plan).expect("it is writable");
+    let pair = plan.stopping.as_ref().map(|rule| &rule.policies);
+    let costs = EpisodeCosts::new(&plan, None);
+    let partition = Rc::new(Partition::new(&StoredPlan::new(&plan), pair, &costs, 2, 0.5));
+    let part = ShardPart::new(partition, SweepShard { index: 0, count: 2 });
+    let shard = serde_json::json!(part.stored(vec!["n1 (CPU)".to_owned()], vec!["run".to_owned()]));
+    results.set_metadata(SHARD, &shard).expect("it is writable");
     for (policy_idx, policy) in plan.policies.iter().enumerate() {
         for (cell_idx, &condition) in plan.conditions.iter().enumerate() {
             for episode in 0..plan.episodes {

@@ -7,6 +7,7 @@ use rusqlite::Connection;
 use serde_json::{Map, Value, json};
 
 use crate::run::stopping::StoppingRule;
+use crate::selection::condition::parse_condition;
 use crate::selection::policy::Identity;
 use crate::store::merging::source::MergeSource;
 use crate::store::results::{ENVIRONMENT, PLANS, SHARD, STOPPING, StoredPlan, differences, policy_key, put};
@@ -63,6 +64,9 @@ pub(crate) fn join(sources: &[MergeSource]) -> anyhow::Result<MergedManifest> {
         let invalid = |key: &str| format!("{}: its manifest has no valid {key}", source.path.display());
         let plans = entry(PLANS).map_or_else(|| Ok(Vec::new()), serde_json::from_value::<Vec<StoredPlan>>);
         for plan in plans.with_context(|| invalid(PLANS))? {
+            for (task, perturbation) in &plan.conditions {
+                parse_condition(task, perturbation).with_context(|| invalid(PLANS))?;
+            }
             if !merged.plans.contains(&plan) {
                 merged.plans.push(plan);
             }
@@ -113,7 +117,7 @@ fn environment(sources: &[MergeSource]) -> Value {
     for source in sources {
         let environment = source.manifest.get(ENVIRONMENT).cloned().unwrap_or_default();
         let own = match &environment[MERGED] {
-            Value::Array(merged) => merged.clone(),
+            Value::Array(merged) => merged.iter().filter(|run| run.is_object()).cloned().collect(),
             _ if environment.is_object() => {
                 let mut environment = environment;
                 if let Some(shard) = source.shard() {
@@ -134,9 +138,9 @@ fn environment(sources: &[MergeSource]) -> Value {
         }
     }
     let Some(mut environment) = runs.first().cloned() else { return Value::Null };
-    environment.as_object_mut().and_then(|environment| environment.remove(SHARD));
+    let shard = environment.as_object_mut().and_then(|environment| environment.remove(SHARD));
     environment["wall_s"] = json!(runs.iter().filter_map(|run| run["wall_s"].as_f64()).sum::<f64>());
-    if runs.len() > 1 {
+    if runs.len() > 1 || shard.is_some() {
         environment[MERGED] = Value::Array(runs);
     }
     environment

@@ -20,7 +20,7 @@ pub(crate) struct CellTally {
 #[derive(Debug, Default)]
 struct FinishedInCell {
     /// Indices of them, as ranges in ascending order.
-    ranges: Vec<[u32; 2]>,
+    ranges: Vec<[u64; 2]>,
 }
 
 impl CellTally {
@@ -29,6 +29,7 @@ impl CellTally {
         if !self.cells.contains_key(names) {
             self.cells.insert(Rc::clone(names), FinishedInCell::default());
         }
+        let episode = u64::from(episode);
         let Some(cell) = self.cells.get_mut(names).filter(|_| is_finished) else { return };
         match cell.ranges.last_mut() {
             Some([_, end]) if *end == episode => *end += 1,
@@ -65,14 +66,16 @@ impl CellTally {
             let [policy, task, perturbation] = &names;
             let ends_early = manifest.stopping.as_ref().is_some_and(|rule| rule.policies.contains(policy));
             let last = ranges.last().map_or(0, |[_, end]| *end);
-            let expected = if ends_early { last } else { episodes[&names] };
-            let n_found: u32 =
+            let expected = if ends_early { last } else { u64::from(episodes[&names]) };
+            let n_found: u64 =
                 ranges.iter().map(|[first, end]| end.min(&expected).saturating_sub(*first)).sum();
             if n_found < expected {
                 let invalid = || format!("a manifest has no valid {PLANS}");
                 let condition = parse_condition(task, perturbation).with_context(invalid)?;
                 let first = ranges.first().map_or(0, |[first, end]| if *first == 0 { *end } else { 0 });
-                gaps.push(Gap { policy: policy.clone(), condition, n: expected - n_found, first });
+                // Both are below the number of episodes that a plan can have.
+                let [n, first] = [expected - n_found, first].map(|number| number as u32);
+                gaps.push(Gap { policy: policy.clone(), condition, n, first });
             }
         }
         Ok(Some(gaps))

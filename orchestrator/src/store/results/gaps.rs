@@ -58,7 +58,7 @@ pub(crate) fn gaps(file: &ResultsFile) -> anyhow::Result<Option<Vec<Gap>>> {
     let gap = |(policy, condition): (&str, Condition)| {
         let found = found.get(&(policy, condition)).map_or(&[][..], Vec::as_slice);
         let expected = if file.may_end_early(policy) {
-            found.last().map_or(0, |last| last + 1)
+            found.last().map_or(0, |last| last.saturating_add(1))
         } else {
             planned[&(policy, condition)]
         };

@@ -49,7 +49,6 @@ impl ShardTask {
         scratch: Option<&Path>,
     ) -> anyhow::Result<Self> {
         let (shard, host) = (part.shard, host_name());
-        folder.remove_leftovers(shard);
         let paths = ShardPaths {
             scratch: scratch_folder(scratch)?.join(scratch_name(&folder, shard)?),
             saved: folder.results(shard),
@@ -78,6 +77,7 @@ impl ShardTask {
         if let Some(other) = read_state(&paths.state)?.filter(|other| other.token != state.token) {
             bail!(taken(shard, &other));
         }
+        folder.remove_leftovers(shard);
         let n_done = restore(&paths).inspect_err(|error| {
             (state.phase, state.message) = (ShardPhase::Failed, Some(format!("{error:#}")));
             // The error itself is reported, whether or not it can be noted.
