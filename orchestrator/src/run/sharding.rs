@@ -13,6 +13,9 @@ use crate::store::results::{Manifest, ResultsFile, StoredPlan};
 use crate::store::shards::{ShardTask, ShardsFolder, SharedSweep};
 use crate::study::machine::host_name;
 
+/// The options of a shard, all of which have a value.
+pub(crate) const OPTIONS: [&str; 4] = ["--shard", "--audit", "--costs", "--scratch"];
+
 /// Options by which one of many tasks runs its part of a sweep.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct ShardArgs {

@@ -9,17 +9,15 @@ use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 
-use crate::commands::results::verify::findings::gap_lines;
 use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::interrupt;
 use crate::console::output::{print_message, print_out};
 use crate::console::progress::Progress;
 use crate::console::table::{Align, TextTable};
+use crate::run::sharding::OPTIONS;
 use crate::store::merging::{MergeObserver, MergeOutcome, merge as merge_files};
+use crate::store::results::gap_lines;
 use crate::store::shards::results_files;
-
-/// Options of `run` that say where results go or which shard is run, and whether a value follows.
-const NOT_REPEATED: [&str; 5] = ["--db", "--shard", "--scratch", "--audit", "--costs"];
 
 /// Arguments of `merge`.
 #[derive(Args, Debug)]
@@ -180,7 +178,7 @@ fn completion(command: &[String], args: &MergeArgs) -> String {
     let mut left = command.iter();
     while let Some(word) = left.next() {
         let name = word.split('=').next().unwrap_or_default();
-        match NOT_REPEATED.contains(&name) {
+        match name == "--db" || OPTIONS.contains(&name) {
             true if word.contains('=') => {}
             true => drop(left.next()),
             false => words.push(word.clone()),
@@ -198,11 +196,6 @@ fn json_report(args: &MergeArgs, outcome: &MergeOutcome) -> serde_json::Value {
             "column": it.column, "values": it.values, "files": it.files,
         })
     };
-    let missing = |gaps: &Vec<crate::store::results::Gap>| {
-        gaps.iter()
-            .map(|gap| json!({ "policy": gap.policy, "condition": gap.condition, "n": gap.n, "first": gap.first }))
-            .collect::<Vec<_>>()
-    };
     json!({
         "out": args.out,
         "episodes": outcome.n_rows,
@@ -213,7 +206,7 @@ fn json_report(args: &MergeArgs, outcome: &MergeOutcome) -> serde_json::Value {
         "machines": outcome.machines,
         "n_differing": outcome.n_contradictions,
         "differing": outcome.contradictions.iter().map(contradiction).collect::<Vec<_>>(),
-        "missing": outcome.gaps.as_ref().map(missing),
+        "missing": outcome.gaps,
         "command": outcome.command.as_ref().map(|command| completion(command, args)),
     })
 }

@@ -42,7 +42,7 @@ pub(crate) enum ShardError {
     NoEngine,
     #[error("--shard auto: {variable} is `{found}`, expected a whole number")]
     NoNumber { variable: &'static str, found: String },
-    #[error("--shard auto: {index} says which shard this is, but {unknown}; say it as --shard auto/N")]
+    #[error("--shard auto: {index} says which shard this is, but {unknown}; use --shard auto/N")]
     NoCount { index: &'static str, unknown: String },
 }
 
@@ -221,11 +221,11 @@ mod tests {
         insta::assert_snapshot!(wrong("3", ""), @"expected I/N, for example 0/16, or auto or auto/N in a task of an array");
         insta::assert_snapshot!(wrong("auto", ""), @"--shard auto found none of SLURM_ARRAY_TASK_ID, HQ_TASK_ID, JOB_COMPLETION_INDEX, PBS_ARRAY_INDEX, PBS_ARRAYID, SGE_TASK_ID, LSB_JOBINDEX: start it as a task of an array, or name the shard as I/N");
         insta::assert_snapshot!(wrong("auto", "HQ_TASK_ID=x"), @"--shard auto: HQ_TASK_ID is `x`, expected a whole number");
-        insta::assert_snapshot!(wrong("auto", "HQ_TASK_ID=1"), @"--shard auto: HQ_TASK_ID says which shard this is, but not of how many; say it as --shard auto/N");
+        insta::assert_snapshot!(wrong("auto", "HQ_TASK_ID=1"), @"--shard auto: HQ_TASK_ID says which shard this is, but not of how many; use --shard auto/N");
         insta::assert_snapshot!(wrong("auto/4", "HQ_TASK_ID=4"), @"there are 4 shards, numbered from 0 to 3; found 4");
         let some = "SLURM_ARRAY_TASK_ID=7 SLURM_ARRAY_TASK_MIN=1 SLURM_ARRAY_TASK_MAX=7 SLURM_ARRAY_TASK_STEP=1 \
              SLURM_ARRAY_TASK_COUNT=2";
-        insta::assert_snapshot!(wrong("auto", some), @"--shard auto: SLURM_ARRAY_TASK_ID says which shard this is, but the array has 2 of 7 tasks; say it as --shard auto/N");
-        insta::assert_snapshot!(wrong("auto", &some.replace("MIN=1", "MIN=7")), @"--shard auto: SLURM_ARRAY_TASK_ID says which shard this is, but the array begins at 7; say it as --shard auto/N");
+        insta::assert_snapshot!(wrong("auto", some), @"--shard auto: SLURM_ARRAY_TASK_ID says which shard this is, but the array has 2 of 7 tasks; use --shard auto/N");
+        insta::assert_snapshot!(wrong("auto", &some.replace("MIN=1", "MIN=7")), @"--shard auto: SLURM_ARRAY_TASK_ID says which shard this is, but the array begins at 7; use --shard auto/N");
     }
 }

@@ -7,10 +7,11 @@ use rusqlite::Connection;
 use serde_json::{Map, Value, json};
 
 use crate::run::stopping::StoppingRule;
-use crate::selection::condition::parse_condition;
 use crate::selection::policy::Identity;
 use crate::store::merging::source::MergeSource;
-use crate::store::results::{ENVIRONMENT, PLANS, SHARD, STOPPING, StoredPlan, differences, policy_key, put};
+use crate::store::results::{
+    ENVIRONMENT, PLANS, SHARD, STOPPING, StoredPlan, differences, planned_cells, policy_key, put,
+};
 
 /// Key of the circumstances of the files that were merged, within [`ENVIRONMENT`].
 const MERGED: &str = "merged";
@@ -63,10 +64,9 @@ pub(crate) fn join(sources: &[MergeSource]) -> anyhow::Result<MergedManifest> {
         let entry = |key: &str| source.manifest.get(key).cloned();
         let invalid = |key: &str| format!("{}: its manifest has no valid {key}", source.path.display());
         let plans = entry(PLANS).map_or_else(|| Ok(Vec::new()), serde_json::from_value::<Vec<StoredPlan>>);
-        for plan in plans.with_context(|| invalid(PLANS))? {
-            for (task, perturbation) in &plan.conditions {
-                parse_condition(task, perturbation).with_context(|| invalid(PLANS))?;
-            }
+        let plans = plans.with_context(|| invalid(PLANS))?;
+        planned_cells(&plans).with_context(|| invalid(PLANS))?;
+        for plan in plans {
             if !merged.plans.contains(&plan) {
                 merged.plans.push(plan);
             }

@@ -18,7 +18,9 @@ use rusqlite::{Connection, Statement};
 
 use self::source::{CellNames, MergeSource, SourceRows};
 use self::tally::CellTally;
-use crate::store::results::{COUNT, Column, Gap, create_for_bulk, insert, not_used, not_written, whole_rows};
+use crate::store::results::{
+    COUNT, Column, Gap, create_for_bulk, insert, not_used, not_written, shown, whole_rows,
+};
 
 /// Contradictions that are described; the others are counted.
 const MAX_DESCRIBED: usize = 20;
@@ -28,7 +30,7 @@ const STOP_INTERVAL: u64 = 4096;
 const SOURCE_CACHE: i64 = 512;
 const TARGET_CACHE: i64 = 32 << 10;
 
-/// The findings of merging.
+/// The outcome of a merge.
 #[derive(Debug, Default)]
 pub(crate) struct MergeOutcome {
     /// Rows of the merged file.
@@ -66,7 +68,7 @@ pub(crate) struct Contradiction {
     pub(crate) files: [(PathBuf, Vec<String>); 2],
 }
 
-/// The receiver of the progress of merging, which may end it.
+/// An observer of a merge, which may stop it.
 pub(crate) trait MergeObserver {
     /// Begins with the number of rows of all files.
     fn begin(&mut self, n_rows: u64);
@@ -78,7 +80,7 @@ pub(crate) trait MergeObserver {
     fn is_stopped(&self) -> bool;
 }
 
-/// Follows nothing and ends nothing.
+/// An observer that shows no progress and never stops a merge.
 pub(crate) struct Unwatched;
 
 impl MergeObserver for Unwatched {
@@ -208,8 +210,7 @@ fn join_rows(
 }
 
 impl JoinedRows {
-    /// Joins the rows of one episode: one without an error is kept, the earliest file's, and the others are
-    /// compared with it.
+    /// Joins the rows of one episode. Keeps the first row without an error, and compares the others with it.
     fn add(
         &mut self,
         sources: &[MergeSource],
@@ -263,15 +264,5 @@ impl JoinedRows {
             }
         }
         Ok(())
-    }
-}
-
-fn shown(value: ValueRef<'_>) -> String {
-    match value {
-        ValueRef::Null => "empty".to_owned(),
-        ValueRef::Integer(number) => number.to_string(),
-        ValueRef::Real(number) => number.to_string(),
-        ValueRef::Text(text) => format!("`{}`", String::from_utf8_lossy(text)),
-        ValueRef::Blob(bytes) => format!("{} bytes", bytes.len()),
     }
 }

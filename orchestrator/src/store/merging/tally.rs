@@ -3,12 +3,9 @@
 use std::collections::HashMap;
 use std::rc::Rc;
 
-use anyhow::Context;
-
-use crate::selection::condition::parse_condition;
 use crate::store::merging::manifest::MergedManifest;
 use crate::store::merging::source::CellNames;
-use crate::store::results::{Gap, PLANS};
+use crate::store::results::{Gap, planned_cells};
 
 /// Counts of the cells.
 #[derive(Debug, Default)]
@@ -46,36 +43,23 @@ impl CellTally {
         if manifest.plans.is_empty() {
             return Ok(None);
         }
-        let mut planned: Vec<CellNames> = Vec::new();
-        let mut episodes: HashMap<CellNames, u32> = HashMap::new();
-        for plan in &manifest.plans {
-            for policy in &plan.policies {
-                for (task, perturbation) in &plan.conditions {
-                    let names = [policy, task, perturbation].map(String::clone);
-                    let most = episodes.entry(names).or_insert_with_key(|names| {
-                        planned.push(names.clone());
-                        0
-                    });
-                    *most = plan.episodes.max(*most);
-                }
-            }
-        }
         let mut gaps = Vec::new();
-        for names in planned {
+        for (policy, condition, planned) in planned_cells(&manifest.plans)? {
+            let names = [policy.to_owned(), condition.task.name().to_owned(), condition.perturbation.name()];
             let ranges = self.cells.get(&names).map_or(&[][..], |cell| cell.ranges.as_slice());
-            let [policy, task, perturbation] = &names;
-            let ends_early = manifest.stopping.as_ref().is_some_and(|rule| rule.policies.contains(policy));
+            let ends_early = manifest
+                .stopping
+                .as_ref()
+                .is_some_and(|rule| rule.policies.iter().any(|name| name == policy));
             let last = ranges.last().map_or(0, |[_, end]| *end);
-            let expected = if ends_early { last } else { u64::from(episodes[&names]) };
+            let expected = if ends_early { last } else { u64::from(planned) };
             let n_found: u64 =
                 ranges.iter().map(|[first, end]| end.min(&expected).saturating_sub(*first)).sum();
             if n_found < expected {
-                let invalid = || format!("a manifest has no valid {PLANS}");
-                let condition = parse_condition(task, perturbation).with_context(invalid)?;
                 let first = ranges.first().map_or(0, |[first, end]| if *first == 0 { *end } else { 0 });
                 // Both are below the number of episodes that a plan can have.
                 let [n, first] = [expected - n_found, first].map(|number| number as u32);
-                gaps.push(Gap { policy: policy.clone(), condition, n, first });
+                gaps.push(Gap { policy: policy.to_owned(), condition, n, first });
             }
         }
         Ok(Some(gaps))

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::rc::Rc;
 
 use anyhow::{Context, ensure};
+use serde::Serialize;
 
 use crate::plan::partition::{Partition, ShardPart, StoredShard, SweepShard};
 use crate::selection::condition::{Condition, parse_condition};
@@ -14,7 +15,7 @@ use crate::store::results::manifest::{PLANS, SHARD, StoredPlan};
 const MAX_EPISODES: u32 = 1_000_000;
 
 /// Planned episodes of one cell that are missing.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(crate) struct Gap {
     pub(crate) policy: String,
     pub(crate) condition: Condition,
@@ -38,29 +39,15 @@ pub(crate) fn gaps(file: &ResultsFile) -> anyhow::Result<Option<Vec<Gap>>> {
     for row in &file.rows {
         found.entry((file.policy(row), row.condition)).or_default().push(row.episode);
     }
-    // In the order of the first plan.
-    let mut cells: Vec<(&str, Condition)> = Vec::new();
-    let mut planned: HashMap<(&str, Condition), u32> = HashMap::new();
-    for plan in &plans {
-        for (task, perturbation) in &plan.conditions {
-            let condition = parse_condition(task, perturbation).with_context(invalid)?;
-            for policy in &plan.policies {
-                let episodes = planned.entry((policy, condition)).or_insert_with(|| {
-                    cells.push((policy, condition));
-                    0
-                });
-                *episodes = plan.episodes.max(*episodes);
-            }
-        }
-    }
+    let cells = planned_cells(&plans).with_context(invalid)?;
     let shard = shard(file, plans.first())
         .with_context(|| format!("{}: its manifest has no valid {SHARD}", file.path.display()))?;
-    let gap = |(policy, condition): (&str, Condition)| {
+    let gap = |(policy, condition, planned): (&str, Condition, u32)| {
         let found = found.get(&(policy, condition)).map_or(&[][..], Vec::as_slice);
         let expected = if file.may_end_early(policy) {
             found.last().map_or(0, |last| last.saturating_add(1))
         } else {
-            planned[&(policy, condition)]
+            planned
         };
         // Rows are sorted by episode.
         let (n, first) = match &shard {
@@ -78,6 +65,42 @@ pub(crate) fn gaps(file: &ResultsFile) -> anyhow::Result<Option<Vec<Gap>>> {
         (n > 0).then(|| Gap { policy: policy.to_owned(), condition, n, first })
     };
     Ok(Some(cells.into_iter().filter_map(gap).collect()))
+}
+
+/// Returns the cells of plans in the order of the first one, each with its policy, its condition and the
+/// largest number of episodes that a plan wants.
+///
+/// # Errors
+/// If a condition is unknown.
+pub(crate) fn planned_cells(plans: &[StoredPlan]) -> anyhow::Result<Vec<(&str, Condition, u32)>> {
+    let mut cells: Vec<(&str, Condition, u32)> = Vec::new();
+    let mut positions: HashMap<(&str, Condition), usize> = HashMap::new();
+    for plan in plans {
+        for (task, perturbation) in &plan.conditions {
+            let condition = parse_condition(task, perturbation)?;
+            for policy in &plan.policies {
+                let idx = *positions.entry((policy, condition)).or_insert_with(|| {
+                    cells.push((policy, condition, 0));
+                    cells.len() - 1
+                });
+                cells[idx].2 = plan.episodes.max(cells[idx].2);
+            }
+        }
+    }
+    Ok(cells)
+}
+
+/// Formats the episodes that were planned and are not in the file.
+pub(crate) fn gap_lines(gaps: Option<&[Gap]>) -> String {
+    let Some(gaps) = gaps else {
+        return "the file does not say which episodes were planned, so missing ones cannot be detected\n"
+            .to_owned();
+    };
+    let line = |Gap { policy, condition, n, first }: &Gap| {
+        let (task, perturbation) = (condition.task.name(), condition.perturbation.name());
+        format!("missing: {n} planned episodes of {policy}, {task} {perturbation}, from index {first} on\n")
+    };
+    gaps.iter().map(line).collect()
 }
 
 /// The episodes of the shard that a file has.

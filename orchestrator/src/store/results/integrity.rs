@@ -111,13 +111,14 @@ fn value_finding(row: &Row<'_>, names: &mut [String; 3]) -> Result<Option<String
         .then(|| "its checksum does not fit its values, so that they have been changed".to_owned()))
 }
 
-fn shown(value: ValueRef<'_>) -> String {
+/// Formats a value for people.
+pub(crate) fn shown(value: ValueRef<'_>) -> String {
     match value {
         ValueRef::Null => "empty".to_owned(),
         ValueRef::Integer(number) => number.to_string(),
         ValueRef::Real(number) => number.to_string(),
         ValueRef::Text(text) => format!("`{}`", String::from_utf8_lossy(text)),
-        ValueRef::Blob(_) => "bytes".to_owned(),
+        ValueRef::Blob(bytes) => format!("{} bytes", bytes.len()),
     }
 }
 

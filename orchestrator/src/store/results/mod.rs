@@ -25,8 +25,8 @@ pub(crate) use self::columns::{Column, EpisodeKey, Values};
 pub(crate) use self::episodes::{CellSums, FinishedEpisodes, Results};
 pub(crate) use self::error::{ResultsFileError, StoreError, not_used, not_written};
 pub(crate) use self::file::{EpisodeRow, ResultsFile};
-pub(crate) use self::gaps::{Gap, gaps};
-pub(crate) use self::integrity::row_finding;
+pub(crate) use self::gaps::{Gap, gap_lines, gaps, planned_cells};
+pub(crate) use self::integrity::{row_finding, shown};
 pub(crate) use self::manifest::{
     DifferingEntry, ENVIRONMENT, Manifest, PLANS, SHARD, STOPPING, StoredPlan, defaults, differences, option,
     policy_key, put,

@@ -20,10 +20,10 @@ use crate::store::shards::saver::{BEAT, Saver, ShardPaths, remove_results, save}
 use crate::store::shards::state::{ShardPhase, ShardState};
 use crate::study::machine::host_name;
 
-/// Time without a sign of life after which a task counts as killed: more than two beats, and the time for
-/// which network file systems keep what they have read.
+/// Time without a heartbeat after which a task counts as killed: three beats, and some time for the caches
+/// of network file systems.
 const SILENCE: Duration = Duration::from_secs(3 * BEAT.as_secs() + 5);
-/// Time after a claim in which a claim at the same time is noticed.
+/// Time after which a task checks that nobody else has claimed its shard at the same moment.
 const CLAIM_TIME: Duration = Duration::from_secs(1);
 /// Time between two looks at the state of another task.
 const LOOK_INTERVAL: Duration = Duration::from_millis(500);
@@ -72,7 +72,7 @@ impl ShardTask {
             message: None,
         };
         state.write(&paths.state).map_err(|error| folder.not_written(error))?;
-        // Of tasks that claim a shard at the same time, the last one to write has it.
+        // If several tasks claim a shard at the same time, the last one to write it wins.
         thread::sleep(CLAIM_TIME);
         if let Some(other) = read_state(&paths.state)?.filter(|other| other.token != state.token) {
             bail!(taken(shard, &other));
@@ -216,7 +216,7 @@ fn restore(paths: &ShardPaths) -> anyhow::Result<u64> {
         n_finished_in(&paths.saved).with_context(hint)
     };
     let saved = if paths.saved.exists() { Some(count()?) } else { None };
-    // A task that was killed on this node has left more there than it had saved.
+    // A task that was killed on this node may have left more there than it had saved.
     let left = if paths.scratch.exists() { n_finished_in(&paths.scratch).ok() } else { None };
     match (saved, left) {
         (saved, Some(left)) if left >= saved.unwrap_or(0) => return Ok(left),

@@ -27,7 +27,7 @@ pub(crate) struct HyperqueueArgs {
     /// Cores of each shard
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 1)]
     cpus: u32,
-    /// Options of hq, for example "--server-dir /work/hq" (repeatable)
+    /// Options of hq, for example "--server-dir hq-server" (repeatable)
     #[arg(long, value_name = "OPTIONS", allow_hyphen_values = true)]
     hq: Vec<ToolOptions>,
 }

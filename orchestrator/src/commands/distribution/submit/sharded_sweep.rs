@@ -12,12 +12,9 @@ use crate::plan::RunPlan;
 use crate::plan::partition::{MAX_SHARDS, SweepShard};
 use crate::plan::sweep::SweepArgs;
 use crate::run::execution::{find_device, resolve};
-use crate::run::sharding::{CuttingArgs, partition, prepare};
+use crate::run::sharding::{CuttingArgs, OPTIONS, partition, prepare};
 use crate::store::results::Manifest;
 use crate::store::shards::ShardsFolder;
-
-/// Options of a shard, which `submit` itself passes on.
-const OWN_OPTIONS: [&str; 4] = ["--shard", "--audit", "--costs", "--scratch"];
 
 /// Parses the arguments of `run`.
 pub(crate) type ParseRun<'a> = &'a dyn Fn(&[String]) -> anyhow::Result<Box<RunArgs>>;
@@ -93,9 +90,9 @@ impl ShardedSweep {
             return Err(anyhow!("name the sweep file and the number of shards: SWEEP.toml --shards N"))
                 .or_user();
         };
-        let is_own = |word: &&String| OWN_OPTIONS.contains(&word.split('=').next().unwrap_or_default());
+        let is_own = |word: &&String| OPTIONS.contains(&word.split('=').next().unwrap_or_default());
         if let Some(word) = args.run_options.iter().find(is_own) {
-            let own = OWN_OPTIONS[1..].join(", ");
+            let own = OPTIONS[1..].join(", ");
             return Err(anyhow!(
                 "{word} is what `submit` tells the shards: name --shards, {own} before `--`"
             ))

@@ -21,7 +21,7 @@ fn generated(engine: &str, arguments: &str) -> Result<String, String> {
         .unwrap();
     let here = std::env::current_dir().unwrap().display().to_string();
     let shown =
-        |text: String| text.replace(&path.display().to_string(), "my sweep.toml").replace(&here, "/work");
+        |text: String| text.replace(&path.display().to_string(), "my sweep.toml").replace(&here, "/shared");
     let words = ["hypogeum", "submit", engine, path.to_str().unwrap(), "--program", "hypogeum"];
     let words = words.map(str::to_owned).into_iter().chain(shlex::split(arguments).unwrap());
     let parsed = Cli::parse_with_sweep_file(&words.map(OsString::from).collect::<Vec<_>>());
@@ -55,14 +55,14 @@ fn slurm_scripts_run_and_merge() {
     #!/bin/bash
     #SBATCH --job-name=my-sweep
     #SBATCH --array=0-2
-    #SBATCH --output=/work/out.shards/shard-%1a-of-3.log
+    #SBATCH --output=/shared/out.shards/shard-%1a-of-3.log
     #SBATCH --requeue
     #SBATCH --signal=B:USR1@120
     #SBATCH --open-mode=append
     #SBATCH -p long --cpus-per-task=8
     #SBATCH --time=1:00:00
 
-    cd -- /work || exit 2
+    cd -- /shared || exit 2
 
     # A task runs one shard and may be preempted or killed at any time: the next one continues from the shard's file.
     hypogeum run 'my sweep.toml' --seed 7 --audit 0.01 --scratch '/local disk' --shard auto/3 &
@@ -83,12 +83,12 @@ fn slurm_scripts_run_and_merge() {
     ----
     #!/bin/bash
     #SBATCH --job-name=my-sweep-merge
-    #SBATCH --output=/work/out.shards/merge.log
+    #SBATCH --output=/shared/out.shards/merge.log
     #SBATCH --open-mode=append
     #SBATCH -p long --cpus-per-task=8
     #SBATCH --time=1:00:00
 
-    cd -- /work || exit 2
+    cd -- /shared || exit 2
     exec hypogeum merge out.db out.shards
     "#);
 }
@@ -105,7 +105,7 @@ fn hyperqueue_definition_has_dependent_merge() {
     id = 0
     # Exit code 1 means that some episodes could not be run, which the merge reports.
     command = ["sh", "-c", "exec >> out.shards/shard-0-of-2.log 2>&1; hypogeum run 'my sweep.toml' --shard auto/2; code=$?; [ $code -eq 1 ] || exit $code"]
-    cwd = "/work"
+    cwd = "/shared"
     stdout = "none"
     stderr = "none"
     # The shard takes as many threads as it has cores.
@@ -119,7 +119,7 @@ fn hyperqueue_definition_has_dependent_merge() {
     id = 1
     # Exit code 1 means that some episodes could not be run, which the merge reports.
     command = ["sh", "-c", "exec >> out.shards/shard-1-of-2.log 2>&1; hypogeum run 'my sweep.toml' --shard auto/2; code=$?; [ $code -eq 1 ] || exit $code"]
-    cwd = "/work"
+    cwd = "/shared"
     stdout = "none"
     stderr = "none"
     # The shard takes as many threads as it has cores.
@@ -132,7 +132,7 @@ fn hyperqueue_definition_has_dependent_merge() {
     [[task]]
     id = 2
     command = ["sh", "-c", "exec >> out.shards/merge.log 2>&1; exec hypogeum merge out.db out.shards"]
-    cwd = "/work"
+    cwd = "/shared"
     stdout = "none"
     stderr = "none"
     deps = [0, 1]
@@ -196,7 +196,7 @@ fn kubernetes_pod_has_shared_memory() {
         image: "lab/hypogeum:1"
         # Without a shell, so that SIGTERM arrives.
         command: ["hypogeum", "run", "my sweep.toml", "--scratch", "/scratch", "--shard", "auto/4"]
-        workingDir: "/work"
+        workingDir: "/shared"
         resources:
           requests:
             cpu: "8"
@@ -206,7 +206,7 @@ fn kubernetes_pod_has_shared_memory() {
             memory: "16Gi"
         volumeMounts:
         - name: sweep
-          mountPath: "/work"
+          mountPath: "/shared"
         - name: scratch
           mountPath: "/scratch"
         - name: shared-memory
@@ -246,10 +246,10 @@ fn kubernetes_merge_waits_for_all_shards() {
             - name: merge
               image: "lab/hypogeum:1"
               command: ["sh", "-c", "hypogeum status out.shards --watch && exec hypogeum merge out.db out.shards"]
-              workingDir: "/work"
+              workingDir: "/shared"
               volumeMounts:
               - name: sweep
-                mountPath: "/work"
+                mountPath: "/shared"
             volumes:
             - name: sweep
               persistentVolumeClaim:
@@ -268,7 +268,7 @@ fn ssh_tasks_run_in_mirrored_folder() {
     let ssh = ["ssh", "-p", "22"].map(str::to_owned);
     let remote = Remote { host: "me@c", ssh: &ssh, root: "my sweep", folder: "out.shards" };
     let words = remote.task_words(&["run".to_owned(), "a b.toml".to_owned()]).unwrap();
-    insta::assert_snapshot!(line(&words).map_err(|error| error.to_string()).unwrap(), @r#"ssh -p 22 me@c "cd 'my sweep'/work && exec ../bin/hypogeum run 'a b.toml' --end-with-stdin""#);
+    insta::assert_snapshot!(line(&words).map_err(|error| error.to_string()).unwrap(), @r#"ssh -p 22 me@c "cd 'my sweep'/files && exec ../bin/hypogeum run 'a b.toml' --end-with-stdin""#);
 }
 
 #[test]

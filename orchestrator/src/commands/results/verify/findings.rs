@@ -86,19 +86,6 @@ pub(crate) fn text_report(
     text
 }
 
-/// Formats the episodes that were planned and are not in the file.
-pub(crate) fn gap_lines(gaps: Option<&[Gap]>) -> String {
-    let Some(gaps) = gaps else {
-        return "the file does not say which episodes were planned, so missing ones cannot be detected\n"
-            .to_owned();
-    };
-    let line = |Gap { policy, condition, n, first }: &Gap| {
-        let (task, perturbation) = (condition.task.name(), condition.perturbation.name());
-        format!("missing: {n} planned episodes of {policy}, {task} {perturbation}, from index {first} on\n")
-    };
-    gaps.iter().map(line).collect()
-}
-
 pub(crate) fn json_report(
     file: &ResultsFile,
     n_run: usize,
@@ -117,7 +104,6 @@ pub(crate) fn json_report(
             "found": found,
         })
     };
-    let missing = |Gap { policy, condition, n, first }: &Gap| json!({ "policy": policy, "condition": condition, "n": n, "first": first });
     let not_verified =
         |(name, (reason, n)): (&String, &(String, usize))| json!({ "what": name, "n": n, "reason": reason });
     json!({
@@ -125,6 +111,6 @@ pub(crate) fn json_report(
         "agree": n_run - count_rows(differences),
         "differences": differences.iter().map(difference).collect::<Vec<_>>(),
         "not_verified": unverifiable.iter().map(not_verified).collect::<Vec<_>>(),
-        "missing": gaps.map(|gaps| gaps.iter().map(missing).collect::<Vec<_>>()),
+        "missing": gaps,
     })
 }

@@ -1,6 +1,6 @@
 //! `hypogeum verify`: runs episodes of somebody's results again and compares every column.
 
-pub(crate) mod findings;
+mod findings;
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -18,9 +18,7 @@ use serde_json::{Value, json};
 use sim::scene::stream::Stream;
 use sim::serve::protocol::Outcome;
 
-use self::findings::{
-    Difference, Unverifiable, count_rows, differences, gap_lines, json_report, text_report,
-};
+use self::findings::{Difference, Unverifiable, count_rows, differences, json_report, text_report};
 use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::output::{print_message, print_out};
 use crate::console::progress::Progress;
@@ -33,7 +31,7 @@ use crate::selection::policy::{Identity, NamedPolicy};
 use crate::store::build_identity;
 use crate::store::merging::{Unwatched, merge};
 use crate::store::package::Package;
-use crate::store::results::{ENVIRONMENT, EpisodeRow, ResultsFile, gaps};
+use crate::store::results::{ENVIRONMENT, EpisodeRow, ResultsFile, gap_lines, gaps};
 use crate::store::shards::results_files;
 
 /// Arguments of `verify`.

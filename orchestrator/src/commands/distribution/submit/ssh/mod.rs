@@ -1,7 +1,7 @@
 //! Machines that are reached by ssh alone: copies what a sweep needs, keeps a queue of its shards, and
 //! fetches what they write.
 //!
-//! Each machine has one folder, in which `work` stands for the current folder here, so that relative paths
+//! Each machine has one folder, in which `files` stands for the current folder here, so that relative paths
 //! mean the same files. A shard's task ends in order when its standard input does: at Ctrl-C, and when the
 //! connection or this process is gone.
 
@@ -129,7 +129,7 @@ fn description(
     for (host, remote) in args.hosts.iter().zip(remotes) {
         let _ = writeln!(text, "{}, {} at a time, in {}:", host.name, host.n_tasks, remote.root);
         let _ = writeln!(text, "  bin/hypogeum: {}", sweep.program);
-        let _ = writeln!(text, "  work: {}", line(inputs)?);
+        let _ = writeln!(text, "  files: {}", line(inputs)?);
         let shard = format!("I/{}", sweep.shards);
         let _ = writeln!(text, "  {}", line(&remote.task_words(&sweep.run_words(&shard)).or_user()?)?);
     }

@@ -30,14 +30,14 @@ impl Remote<'_> {
     /// # Errors
     /// If the machine cannot be reached, or something cannot be copied.
     pub(crate) fn set_up(&self, program: &str, inputs: &[String]) -> Result<()> {
-        let folders = [format!("{}/bin", self.root), format!("{}/work/{}", self.root, self.folder)];
+        let folders = [format!("{}/bin", self.root), format!("{}/files/{}", self.root, self.folder)];
         let words = [vec!["mkdir".to_owned(), "-p".to_owned(), "--".to_owned()], folders.to_vec()].concat();
         complete(self.ssh(&words)?, "")?;
         let program = if program.starts_with('/') { program.to_owned() } else { format!("./{program}") };
         let target = self.path("bin/hypogeum");
         complete(self.rsync(&["-a", "--copy-links", &program, &target])?, "")?;
         let inputs: Vec<String> = inputs.iter().map(|path| format!("./{path}")).collect();
-        let target = self.path("work/");
+        let target = self.path("files/");
         let options = ["-a", "--copy-links", "--relative"].into_iter();
         let arguments = options.chain(inputs.iter().map(String::as_str)).chain([target.as_str()]);
         complete(self.rsync(&arguments.collect::<Vec<_>>())?, "")
@@ -49,7 +49,7 @@ impl Remote<'_> {
     /// # Errors
     /// If they cannot be copied.
     pub(crate) fn push(&self, names: &[String]) -> Result<()> {
-        let (here, there) = (format!("./{}/", self.folder), self.path(&format!("work/{}/", self.folder)));
+        let (here, there) = (format!("./{}/", self.folder), self.path(&format!("files/{}/", self.folder)));
         let options = ["-a", "--ignore-missing-args", "--files-from=-", &here, &there];
         complete(self.rsync(&options)?, &names.join("\n"))
     }
@@ -79,7 +79,7 @@ impl Remote<'_> {
     }
 
     fn fetch(&self, options: &[&str], names: &[String]) -> Result<()> {
-        let (here, there) = (format!("./{}/", self.folder), self.path(&format!("work/{}/", self.folder)));
+        let (here, there) = (format!("./{}/", self.folder), self.path(&format!("files/{}/", self.folder)));
         let files = ["--ignore-missing-args", "--files-from=-", &there, &here];
         complete(self.rsync(&[options, &files].concat())?, &names.join("\n"))
     }
@@ -104,7 +104,7 @@ impl Remote<'_> {
         let folder = shlex::try_quote(self.root).context("the folder cannot be quoted")?;
         let task =
             shlex::try_join(task.iter().map(String::as_str)).context("an argument cannot be quoted")?;
-        Ok([self.ssh, &[self.host.to_owned(), format!("cd {folder}/work && exec {task}")]].concat())
+        Ok([self.ssh, &[self.host.to_owned(), format!("cd {folder}/files && exec {task}")]].concat())
     }
 
     /// Returns ssh with a command for the machine.
