@@ -16,11 +16,8 @@ and log.
 import argparse
 import copy
 import json
-import math
-import os
 import sys
 import time
-from pathlib import Path
 
 from hypogeum.requirements import explained
 
@@ -30,12 +27,11 @@ with explained(INSTALL):
     import numpy as np
     import torch
     import torch.nn.functional as F
-    from safetensors.torch import load_file
     from torchvision.ops.misc import FrozenBatchNorm2d
 
     from hypogeum.backbone import resnet18_of
     from hypogeum.demonstrations import ACTION, INSTRUCTION, STATE, TrainingFrames, prefetched, shuffled
-    from hypogeum.training import CheckpointEvaluation, Schedule, update_average
+    from hypogeum.training import CheckpointEvaluation, Training, add_arguments, load_weights
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.act.configuration_act import ACTConfig
     from lerobot.policies.act.modeling_act import ACTPolicy
@@ -47,10 +43,6 @@ MIN_STD = 0.01
 WARM_UP_STEPS = 500
 # Fraction of all steps over which the learning rate decays to zero.
 COOL_DOWN = 0.25
-# Steps between two lines of progress, at which the loss is read.
-LOG_STEPS = 100
-# Seconds that saving the last checkpoint may take.
-SAVING_S = 4
 # Steps before a CUDA graph is captured.
 EAGER_STEPS = 5
 # Side in pixels of the images from which the batch statistics are computed.
@@ -64,14 +56,8 @@ FIXED = (
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("dataset", type=Path, help="dataset of one morphology, for example demos/single")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="checkpoint folder")
+    add_arguments(parser, steps=20_000, batch_size=16, lr=2e-4, frame_stride=1)
     parser.add_argument("--tasks", help="comma-separated task names (default: all in the dataset)")
-    parser.add_argument("--steps", type=int, default=20_000, help="total updates; may be increased when resuming")
-    parser.add_argument("--max-minutes", type=float, help="time in which to end, even before the last step")
-    parser.add_argument("--frame-stride", type=int, default=1, help="begin examples at every nth frame of an episode")
-    parser.add_argument("--batch-size", type=int, default=16)
-    parser.add_argument("--lr", type=float, default=2e-4)
     parser.add_argument("--width", type=int, default=64, help="channels of the ResNet-18's first stage; usually 64")
     parser.add_argument("--shrink", type=int, default=1, help="factor by which images are downscaled")
     parser.add_argument("--dim", type=int, default=512, help="width of the transformer")
@@ -79,18 +65,11 @@ def arguments():
     parser.add_argument("--dropout", type=float, default=0.1, help="dropout rate of the transformer")
     parser.add_argument("--chunk", type=int, default=30, help="rows of an action chunk")
     parser.add_argument("--vae", action="store_true", help="train with ACT's latent variable; scripted demos need none")
-    parser.add_argument("--ema", type=float, default=0.999, help="decay of the averaged weights, per step")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--init", metavar="CHECKPOINT", help="fine-tune the weights of a checkpoint of this script")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument(
         "--precision", choices=["f32", "bf16"], help="precision of the network in training (default: bf16 on a GPU)"
     )
-    parser.add_argument("--threads", type=int, default=os.cpu_count())
-    parser.add_argument("--save-every", type=int, default=1000, help="steps between checkpoints")
     parser.add_argument("--evaluate", metavar="HYPOGEUM", help="binary with which to evaluate every checkpoint")
-    parser.add_argument("--episodes", type=int, default=20, help="episodes per task in an evaluation")
-    parser.add_argument("--evaluation-seed", type=int, default=7, help="use another seed for reported results")
     args = parser.parse_args()
     args.precision = args.precision or ("bf16" if args.device.startswith("cuda") else "f32")
     return args
@@ -145,20 +124,6 @@ def make_policy(args, data):
     )
     with resnet18_of(args.width):
         return ACTPolicy(config).to(args.device)
-
-
-def load_weights(policy, folder):
-    """Load the weights of an exported checkpoint; its network must have the same shape."""
-    path = Path(folder) / "model.safetensors"
-    if not path.is_file():
-        sys.exit(f"{path} does not exist: expected a checkpoint folder of this script")
-    weights = load_file(path)
-    expected = {name: tuple(value.shape) for name, value in policy.state_dict().items()}
-    found = {name: tuple(value.shape) for name, value in weights.items()}
-    for name in sorted(expected.keys() | found.keys()):
-        if expected.get(name) != found.get(name):
-            sys.exit(f"{path}: {name} has shape {found.get(name)}, expected {expected.get(name)}")
-    policy.load_state_dict(weights)
 
 
 @torch.no_grad()
@@ -235,7 +200,7 @@ class Gradients:
     def backward(self, batch):
         loss = loss_of(self.policy, batch, self.precision)
         loss.backward()
-        return loss.detach()
+        return loss.detach()[None]
 
     def capture(self, batch):
         """Record the computation. If that fails, the steps go on as they are."""
@@ -252,15 +217,6 @@ class Gradients:
             print(f"no CUDA graph, steps take longer: {type(error).__name__}: {error}", flush=True)
         else:
             self.graph, self.batch, self.loss = graph, tensors, loss
-
-
-def read(losses, done):
-    """Return the losses of the last steps as numbers. It waits for the device, so it is not done in every step."""
-    numbers = torch.stack(losses).tolist()
-    for step, loss in enumerate(numbers, done - len(losses)):
-        if not math.isfinite(loss):
-            sys.exit(f"the loss of step {step} is {loss}; lower --lr and resume from the last checkpoint")
-    return numbers
 
 
 def export(policy, processors, folder):
@@ -303,20 +259,10 @@ def main():
     averaged = copy.deepcopy(policy)
     is_fused = args.device.startswith("cuda")
     optimiser = torch.optim.AdamW(policy.parameters(), lr=args.lr, weight_decay=1e-4, fused=is_fused)
-    parts = {"policy": policy, "averaged": averaged, "optimiser": optimiser}
-    state, first = folder / "state.pt", 0
     fixed = {name: getattr(args, name) for name in FIXED} | {"tasks": data.tasks}
-    if state.exists():
-        saved = torch.load(state, weights_only=True, map_location=args.device)
-        for name, value in fixed.items():
-            made_with = saved["fixed"].get(name)
-            if made_with != value:
-                sys.exit(f"{state} was made with {name} {made_with}, not {value}; choose another --output")
-        for name, part in parts.items():
-            part.load_state_dict(saved[name])
-        first = saved["step"]
-        print(f"resuming after step {first}")
-    else:
+    parts = {"policy": policy, "averaged": averaged, "optimiser": optimiser}
+    training = Training(args, parts, fixed, losses=["loss"])
+    if training.first == 0:
         if args.init:
             load_weights(policy, args.init)
         else:
@@ -332,48 +278,18 @@ def main():
     n_parameters = sum(parameter.numel() for parameter in policy.parameters())
     print(f"{', '.join(data.tasks)}: {data.n_frames} frames, {n_parameters / 1e6:.2f} M parameters", flush=True)
 
-    evaluate = CheckpointEvaluation(
-        f"act:{args.output}", data.tasks, episodes=args.episodes, seed=args.evaluation_seed, execute=args.chunk,
+    evaluate = args.evaluate and CheckpointEvaluation(
+        "act", data.tasks, folder, episodes=args.episodes, seed=args.evaluation_seed, execute=args.chunk,
         options=("--threads", str(args.threads)), program=args.evaluate,
     )  # fmt: skip
     policy.train()
-    gradients, unread, losses, start = Gradients(policy, args.precision), [], [], time.monotonic()
-    seconds = args.max_minutes and args.max_minutes * 60 - (start - STARTED) - SAVING_S
-    schedule = Schedule(args.lr, args.steps, warm_up=WARM_UP_STEPS, cool_down=COOL_DOWN, seconds=seconds)
-    steps = range(first, args.steps)
-    for step, batch in zip(steps, map(batch_of, steps) if is_resident else prefetched(batch_of, steps)):
-        for group in optimiser.param_groups:
-            group["lr"] = schedule.rate_at(step, schedule.progress(step))
-        torch.manual_seed(args.seed + step)
-        unread.append(gradients(prepare(batch)))
-        torch.nn.utils.clip_grad_norm_(policy.parameters(), 10)
-        optimiser.step()
-        update_average(averaged, policy, step, args.ema)
-        done = step + 1
-        is_last = schedule.progress(done) >= 1
-        is_saved = done % args.save_every == 0 or is_last
-        if done % LOG_STEPS == 0 or is_saved:
-            losses += read(unread, done)
-            unread.clear()
-        if done % LOG_STEPS == 0:
-            rate = (done - first) * args.batch_size / (time.monotonic() - start)
-            loss = np.mean(losses[-LOG_STEPS:])
-            print(f"step {done} of {args.steps}: loss {loss:.4f}, {rate:.1f} samples/s", flush=True)
-        if is_saved:
-            export(averaged, processors, args.output)
-            row = {"step": done, "loss": float(np.mean(losses)), "seconds": round(time.monotonic() - start, 1)}
-            if args.evaluate:
-                row |= evaluate(done)
-            losses.clear()
-            with open(folder / "log.jsonl", "a") as log:
-                log.write(json.dumps(row) + "\n")
-            print(json.dumps(row), flush=True)
-            # Saved last: after an interruption, unfinished work since the previous checkpoint is repeated.
-            saved = {name: part.state_dict() for name, part in parts.items()} | {"step": done, "fixed": fixed}
-            torch.save(saved, folder / "new.pt")
-            (folder / "new.pt").replace(state)
-        if is_last:
-            break
+    gradients = Gradients(policy, args.precision)
+    training.run(
+        lambda steps: map(batch_of, steps) if is_resident else prefetched(batch_of, steps),
+        lambda batch: gradients(prepare(batch)),
+        lambda output: export(averaged, processors, output),
+        warm_up=WARM_UP_STEPS, cool_down=COOL_DOWN, max_norm=10, evaluate=evaluate, started=STARTED,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

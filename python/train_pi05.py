@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Train a small π0.5 on demonstrations from `hypogeum demos`, from random weights and on a CPU.
+"""Train a small π0.5 on demonstrations from `hypogeum demos`, from random weights.
 
     hypogeum demos -o demos --tasks RaiseCube,OpenDrawer
     train_pi05.py demos/single -o pi05-mine --binary target/release/hypogeum
@@ -26,7 +26,6 @@ import argparse
 import io
 import json
 import math
-import os
 import re
 import subprocess
 import sys
@@ -35,6 +34,7 @@ from pathlib import Path
 
 from hypogeum.requirements import explained
 
+STARTED = time.monotonic()
 INSTALL = "pip install './python[pi]' 'lerobot>=0.6' pyarrow"
 with explained(INSTALL):
     import numpy as np
@@ -44,11 +44,11 @@ with explained(INSTALL):
     from safetensors.torch import save_file
     from torch import nn
 
-    from hypogeum.demonstrations import ACTION, IMAGES, STATE, TrainingFrames
+    from hypogeum.demonstrations import ACTION, IMAGES, STATE, TrainingFrames, prefetched
     from hypogeum.pi05 import UNUSED, Widths, narrow, processors_of
     from hypogeum.robot import state_slice
     from hypogeum.tokenizer import Tokenizer
-    from hypogeum.training import CheckpointEvaluation, Schedule, update_average
+    from hypogeum.training import CheckpointEvaluation, Training, add_arguments, load_weights
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.pi05.configuration_pi05 import PI05Config
     from lerobot.policies.pi05.modeling_pi05 import PI05Policy
@@ -93,16 +93,11 @@ FIXED = (
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("dataset", type=Path, help="dataset of one morphology, for example demos/single")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="checkpoint folder")
+    add_arguments(parser, steps=10_000, batch_size=32, lr=6e-4, frame_stride=3)
     parser.add_argument("--binary", required=True, metavar="HYPOGEUM", help="binary that lists and evaluates tasks")
     parser.add_argument("--tasks", help="comma-separated tasks with optional weights, as in RaiseCube=2,OpenDrawer")
-    parser.add_argument("--steps", type=int, default=10_000, help="total updates; may be changed when resuming")
-    parser.add_argument("--batch-size", type=int, default=32, help="observations per update")
     parser.add_argument("--draws", type=int, default=4, help="noises per observation")
-    parser.add_argument("--lr", type=float, default=6e-4)
     parser.add_argument("--foreign", type=float, default=0.15, help="fraction of examples with a foreign instruction")
-    parser.add_argument("--frame-stride", type=int, default=3, help="begin examples at every nth frame of an episode")
     parser.add_argument("--side", type=int, default=84, help="side of the images, a multiple of 14")
     parser.add_argument("--vision", type=int, default=128, help="width of the vision tower")
     parser.add_argument("--vision-layers", type=int, default=4)
@@ -116,16 +111,16 @@ def arguments():
     parser.add_argument("--head-dim", type=int, default=32)
     parser.add_argument("--vocabulary", type=int, default=1024, help="number of tokens")
     parser.add_argument("--chunk", type=int, default=16, help="rows of an action chunk")
-    parser.add_argument("--ema", type=float, default=0.999, help="decay of the averaged weights, per step")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=os.cpu_count())
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument(
+        "--precision", choices=["f32", "bf16"], help="precision of the network in training (default: bf16 on a GPU)"
+    )
     parser.add_argument("--compile", action="store_true", help="compile the loss, which takes a minute or two")
-    parser.add_argument("--save-every", type=int, default=1000, help="steps between checkpoints")
     parser.add_argument("--evaluate", action="store_true", help="evaluate every checkpoint in closed loop")
-    parser.add_argument("--episodes", type=int, default=20, help="episodes per task in an evaluation")
     parser.add_argument("--execute", type=int, default=15, help="rows of a chunk to execute in an evaluation")
-    parser.add_argument("--evaluation-seed", type=int, default=7, help="use another seed for reported results")
-    return parser.parse_args()
+    args = parser.parse_args()
+    args.precision = args.precision or ("bf16" if args.device.startswith("cuda") else "f32")
+    return args
 
 
 # Text
@@ -192,15 +187,26 @@ class Examples(TrainingFrames):
             processes=args.threads,
         )  # fmt: skip
         self.weights = {task: weights.get(task, 1.0) for task in self.tasks}
-        parts = [state_slice(self.morphology, part) for part in STATE_PARTS[self.morphology]]
-        self.states = torch.cat([self.vectors[STATE][:, part] for part in parts], dim=1)
-        self.actions, self.chunk = self.vectors[ACTION], args.chunk
+        self.select_states()
+        self.chunk = args.chunk
         # Indices into the observed frames, by task: all, and those at the start of an episode.
         observed_task, age = self.task_of[self.observed], self.observed - self.starts[self.observed]
         self.by_task = [np.flatnonzero(observed_task == idx) for idx in range(len(self.tasks))]
         self.at_start = [
             np.flatnonzero((observed_task == idx) & (age < N_START_FRAMES)) for idx in range(len(self.tasks))
         ]
+
+    def select_states(self):
+        """Take from the vectors what the network reads."""
+        parts = [state_slice(self.morphology, part) for part in STATE_PARTS[self.morphology]]
+        self.states = torch.cat([self.vectors[STATE][:, part] for part in parts], dim=1)
+        self.actions = self.vectors[ACTION]
+
+    def place(self, device):
+        """Move everything to a device. Return whether the images are there, as bytes, because they fit."""
+        is_resident = super().place(device)
+        self.select_states()
+        return is_resident
 
     def stats(self):
         """Return the ranges that become [-1, 1]: a little more than all states, and most of the actions."""
@@ -227,7 +233,7 @@ class Examples(TrainingFrames):
         return rows
 
     def batch(self, step, args, instructions):
-        """Return the batch of a training step, a function of the arguments alone."""
+        """Return the batch of a training step, a function of the arguments alone, with images as bytes."""
         random = np.random.default_rng([args.seed, step])
         weights = np.array(list(self.weights.values()))
         tasks = random.choice(len(self.tasks), args.batch_size, p=weights / weights.sum())
@@ -242,11 +248,12 @@ class Examples(TrainingFrames):
             observed.append(random.choice(pool))
             sentences = instructions[name]
             texts.append(sentences[0 if random.random() < 0.4 else random.integers(len(sentences))])
-        frames = self.observed[observed]
+        device = self.states.device
+        frames = self.observed[torch.as_tensor(np.array(observed), device=device)]
         last = self.ends[frames][:, None] - 1
-        actions = self.actions[np.minimum(frames[:, None] + np.arange(self.chunk), last)]
-        later = self.states[np.minimum(frames[:, None] + np.array(LATER), last)]
-        states, foreign = self.states[frames], torch.from_numpy(foreign)[:, None, None]
+        actions = self.actions[torch.minimum(frames[:, None] + torch.arange(self.chunk, device=device), last)]
+        later = self.states[torch.minimum(frames[:, None] + torch.tensor(LATER, device=device), last)]
+        states, foreign = self.states[frames], torch.from_numpy(foreign).to(device)[:, None, None]
         return {
             "images": torch.stack(list(self.gather(observed).values())),
             "texts": texts,
@@ -327,10 +334,10 @@ def scaled(values, stats):
 
 def tokenize(tokenizer, texts, states):
     """Return the tokens of prompts and their mask, `[n, n_tokens]`."""
-    bins = np.digitize(states.numpy(), np.linspace(-1, 1, N_BINS + 1)[:-1]) - 1
+    bins = np.digitize(states.cpu().numpy(), np.linspace(-1, 1, N_BINS + 1)[:-1]) - 1
     prompts = [prompt(text, row) for text, row in zip(texts, bins)]
     batch = tokenizer(prompts, max_length=PADDED_TOKENS)
-    return batch["input_ids"], batch["attention_mask"].bool()
+    return batch["input_ids"].to(states.device), batch["attention_mask"].bool().to(states.device)
 
 
 def heads(projection, x, head_dim):
@@ -379,7 +386,7 @@ def flow_loss(network, images, tokens, mask, actions, noise, t):
 
     cos, sin = gemma.rotary_emb(prefix, place)
     chunk = actions.shape[1]
-    cos_s, sin_s = gemma.rotary_emb(suffix, n_valid[:, None] + torch.arange(chunk))
+    cos_s, sin_s = gemma.rotary_emb(suffix, n_valid[:, None] + torch.arange(chunk, device=n_valid.device))
     cos_s, sin_s = (x.repeat_interleave(draws, 0) for x in (cos_s, sin_s))
     mask_p = valid[:, None, None]
     mask_s = F.pad(mask_p, (0, chunk), value=True).repeat_interleave(draws, 0)
@@ -395,8 +402,8 @@ def flow_loss(network, images, tokens, mask, actions, noise, t):
         q_s, k_s = apply_rotary_pos_emb(q_s, k_s, cos_s, sin_s)
         if is_last:
             # Of the last layer's output, only the last token is read.
-            q = q[torch.arange(n), :, last][:, :, None]
-            prefix = prefix[torch.arange(n), last][:, None]
+            rows = torch.arange(n, device=last.device)
+            q, prefix = q[rows, :, last][:, :, None], prefix[rows, last][:, None]
         prefix = prefix + layer_p.self_attn.o_proj(attend(q, k, v, mask_p))
         prefix = prefix + layer_p.mlp(layer_p.post_attention_layernorm(prefix)[0])
         keys, values = (
@@ -413,19 +420,19 @@ def flow_loss(network, images, tokens, mask, actions, noise, t):
 # Training
 
 
-def export(policy, processors, tokenizer, args, morphology):
+def export(policy, processors, tokenizer, args, morphology, folder):
     """Save a LeRobot checkpoint in bfloat16, with the tokenizer and what LeRobot's files do not say."""
-    args.output.mkdir(parents=True, exist_ok=True)
-    policy.config.save_pretrained(args.output)
+    folder.mkdir(parents=True, exist_ok=True)
+    policy.config.save_pretrained(folder)
     tensors = {name: x.bfloat16().contiguous() for name, x in policy.state_dict().items() if not name.endswith(UNUSED)}
-    save_file(tensors, args.output / "new.safetensors")
-    (args.output / "new.safetensors").replace(args.output / "model.safetensors")
+    save_file(tensors, folder / "new.safetensors")
+    (folder / "new.safetensors").replace(folder / "model.safetensors")
     for processor in processors:
-        processor.save_pretrained(args.output)
-    (args.output / "tokenizer.model").write_bytes(tokenizer)
+        processor.save_pretrained(folder)
+    (folder / "tokenizer.model").write_bytes(tokenizer)
     mapping = {f"{IMAGES}{name}": camera for name, camera in CAMERAS[morphology].items()}
     sidecar = {"vision_heads": args.vision_heads, "mapping": {**mapping, STATE: STATE_PARTS[morphology]}}
-    (args.output / "hypogeum.json").write_text(json.dumps(sidecar, indent=2) + "\n")
+    (folder / "hypogeum.json").write_text(json.dumps(sidecar, indent=2) + "\n")
 
 
 def parse_weights(text):
@@ -441,86 +448,66 @@ def main():
     folder = args.output / "training"
     folder.mkdir(parents=True, exist_ok=True)
     data = Examples(parse_weights(args.tasks), args, folder)
+    stats = data.stats()
+    is_resident = data.place(args.device)
     instructions = read_instructions(args.binary, data.morphology)
-    model_path = args.output / "tokenizer.model"
+    model_path = Path(args.init or args.output) / "tokenizer.model"
     model = model_path.read_bytes() if model_path.exists() else train_tokenizer(instructions, args.vocabulary)
-    tokenizer, stats = Tokenizer.from_sentencepiece(model), data.stats()
+    tokenizer = Tokenizer.from_sentencepiece(model)
     config = make_config(args, list(data.cameras), data.states.shape[1], data.actions.shape[1])
     policy, averaged = (make_policy(args, config, tokenizer) for _ in range(2))
+    if args.init:
+        load_weights(policy, args.init, optional=UNUSED)
     averaged.load_state_dict(policy.state_dict())
     processors = processors_of(config, stats, tokenizer)
     n_chunk = args.chunk * data.actions.shape[1]
     auxiliary = nn.Linear(args.prefix, n_chunk + len(LATER) * data.states.shape[1])
+    for network in (policy, averaged, auxiliary):
+        network.to(args.device)
     trained = [p for name, p in policy.named_parameters() if not name.endswith(UNUSED)]
     parameters = trained + list(auxiliary.parameters())
     optimiser = torch.optim.AdamW(parameters, lr=args.lr, weight_decay=1e-2, betas=(0.9, 0.95))
     parts = {"policy": policy, "averaged": averaged, "auxiliary": auxiliary, "optimiser": optimiser}
-    state, first = folder / "state.pt", 0
     fixed = {name: getattr(args, name) for name in FIXED} | {"tasks": data.tasks}
-    if state.exists():
-        saved = torch.load(state, weights_only=True)
-        for name, value in fixed.items():
-            if saved["fixed"].get(name) != value:
-                sys.exit(f"{state} was made with {name} {saved['fixed'].get(name)}, not {value}; use another --output")
-        for name, part in parts.items():
-            part.load_state_dict(saved[name])
-        first = saved["step"]
-        print(f"resuming after step {first}")
+    training = Training(args, parts, fixed, losses=["flow", "auxiliary"])
     n_parameters = sum(parameter.numel() for parameter in trained)
     print(f"{', '.join(data.tasks)}: {data.n_frames} frames, {n_parameters / 1e6:.2f} M parameters", flush=True)
 
-    evaluate = CheckpointEvaluation(
-        f"pi05:{args.output}", data.tasks, episodes=args.episodes, seed=args.evaluation_seed, execute=args.execute,
+    evaluate = args.evaluate and CheckpointEvaluation(
+        "pi05", data.tasks, folder, episodes=args.episodes, seed=args.evaluation_seed, execute=args.execute,
         options=("--threads", str(args.threads)), program=args.binary,
     )  # fmt: skip
     policy.train()
     loss_of = torch.compile(flow_loss) if args.compile else flow_loss
-    losses, start = [], time.monotonic()
-    schedule = Schedule(args.lr, args.steps, warm_up=WARM_UP_STEPS, cool_down=COOL_DOWN)
-    for step in range(first, args.steps):
-        for group in optimiser.param_groups:
-            group["lr"] = schedule.rate_at(step, schedule.progress(step))
-        torch.manual_seed(args.seed + step)
+    state_range, action_range = ({q: x.to(args.device) for q, x in stats[key].items()} for key in (STATE, ACTION))
+
+    def batch_of(step):
         batch = data.batch(step, args, instructions)
-        states, actions = scaled(batch[STATE], stats[STATE]), scaled(batch[ACTION], stats[ACTION])
-        later = scaled(batch["later"], stats[STATE])
+        states = scaled(batch[STATE], state_range)
         tokens, mask = tokenize(tokenizer, batch["texts"], states)
-        images = batch["images"].float() / 127.5 - 1
-        noise = torch.randn(args.batch_size, args.draws, *actions.shape[1:])
-        t = policy.model.sample_time(args.batch_size * args.draws, "cpu").view(args.batch_size, -1)
-        errors, summary = loss_of(policy.model, images, tokens, mask, actions, noise, t)
-        predicted = auxiliary(summary)
+        actions, later = scaled(batch[ACTION], action_range), scaled(batch["later"], state_range)
+        return batch["images"], tokens, mask, actions, later
+
+    def gradients(batch):
+        images, tokens, mask, actions, later = batch
+        noise = torch.randn(args.batch_size, args.draws, *actions.shape[1:], device=args.device)
+        t = policy.model.sample_time(args.batch_size * args.draws, args.device).view(args.batch_size, -1)
+        with torch.autocast(noise.device.type, torch.bfloat16, enabled=args.precision == "bf16"):
+            errors, summary = loss_of(policy.model, images.float() / 127.5 - 1, tokens, mask, actions, noise, t)
+            predicted = auxiliary(summary)
         targets = torch.cat([actions.flatten(1), later.flatten(1)], dim=1)
-        flow, guess = errors.mean(), F.smooth_l1_loss(predicted, targets, beta=0.1)
+        flow, guess = errors.mean(), F.smooth_l1_loss(predicted.float(), targets, beta=0.1)
         optimiser.zero_grad()
         (flow + AUXILIARY_WEIGHT * guess).backward()
-        torch.nn.utils.clip_grad_norm_(parameters, 1)
-        optimiser.step()
-        update_average(averaged, policy, step, args.ema)
-        losses.append((flow.item(), guess.item()))
-        if not math.isfinite(sum(losses[-1])):
-            sys.exit(f"the loss of step {step} is {losses[-1]}; lower --lr and resume from the last checkpoint")
-        done = step + 1
-        if done % 50 == 0:
-            rate = (done - first) * args.batch_size / (time.monotonic() - start)
-            flow, guess = np.mean(losses[-50:], axis=0)
-            progress = f"step {done} of {args.steps}: flow {flow:.4f}, auxiliary {guess:.4f}"
-            print(f"{progress}, {rate:.1f} samples/s", flush=True)
-        if done % args.save_every == 0 or done == args.steps:
-            export(averaged, processors, model, args, data.morphology)
-            flow, guess = np.mean(losses, axis=0)
-            row = {"step": done, "flow": float(flow), "auxiliary": float(guess)}
-            row["seconds"] = round(time.monotonic() - start, 1)
-            if args.evaluate:
-                row |= evaluate(done)
-            losses.clear()
-            with open(folder / "log.jsonl", "a") as log:
-                log.write(json.dumps(row) + "\n")
-            print(json.dumps(row), flush=True)
-            # Saved last: after an interruption, unfinished work since the previous checkpoint is repeated.
-            saved = {name: part.state_dict() for name, part in parts.items()} | {"step": done, "fixed": fixed}
-            torch.save(saved, folder / "new.pt")
-            (folder / "new.pt").replace(state)
+        return torch.stack([flow, guess]).detach()
+
+    is_ahead = args.device.startswith("cuda") or not is_resident
+    training.run(
+        lambda steps: prefetched(batch_of, steps) if is_ahead else map(batch_of, steps),
+        gradients,
+        lambda output: export(averaged, processors, model, args, data.morphology, output),
+        warm_up=WARM_UP_STEPS, cool_down=COOL_DOWN, max_norm=1, evaluate=evaluate, started=STARTED,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

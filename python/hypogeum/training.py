@@ -1,10 +1,20 @@
-"""Parts that the training scripts share: the schedule, averaged weights, and closed-loop evaluation."""
+"""What the training scripts share: the loop, its schedule and state, averaged weights, and closed-loop evaluation."""
 
+import json
+import math
+import os
 import sys
 import time
+from pathlib import Path
 
 from .evaluation import evaluate
 from .program import EvaluationError
+from .results import Results
+
+# Steps between two lines of progress, at which the losses are read.
+LOG_STEPS = 100
+# Seconds that saving the last checkpoint may take.
+SAVING_S = 4
 
 
 class Schedule:
@@ -46,31 +56,198 @@ def update_average(averaged, policy, step, decay):
         torch._foreach_lerp_(list(averaged.parameters()), list(policy.parameters()), weight)
 
 
+def load_weights(policy, folder, optional=()):
+    """Load the weights of a checkpoint that a training script has written; its network must have the same shape.
+
+    Tensors whose names end with one of `optional` may be absent.
+    """
+    from safetensors.torch import load_file
+
+    path = Path(folder) / "model.safetensors"
+    if not path.is_file():
+        sys.exit(f"{path} does not exist: expected a checkpoint folder of this script")
+    weights = load_file(path)
+    expected = {name: tuple(value.shape) for name, value in policy.state_dict().items()}
+    found = {name: tuple(value.shape) for name, value in weights.items()}
+    for name in sorted(expected.keys() | found.keys()):
+        is_absent = name not in found and name.endswith(tuple(optional))
+        if expected.get(name) != found.get(name) and not is_absent:
+            sys.exit(f"{path}: {name} has shape {found.get(name)}, expected {expected.get(name)}")
+    policy.load_state_dict(weights, strict=False)
+
+
 class CheckpointEvaluation:
-    """Evaluation of a training's checkpoints in the simulator, each compared with the one before.
+    """Evaluation of a training's checkpoints in the simulator, each compared with the best one before.
 
     Args:
-        policy: Spec of the policy, for example `act:FOLDER`.
+        kind: Kind of the policy's spec, for example `act`.
         tasks: Task names.
+        folder: Folder for the results of the best checkpoint, in which an evaluation after an interruption finds them.
         options: Further arguments of `hypogeum.evaluate`.
     """
 
-    def __init__(self, policy, tasks, **options):
-        self.policy, self.tasks, self.options, self.previous = policy, tasks, options, None
+    def __init__(self, kind, tasks, folder, **options):
+        self.kind, self.tasks, self.options = kind, tasks, options
+        self.best, self.newest = folder / "best.db", folder / "newest.db"
 
-    def __call__(self, step):
-        """Return what the log says of the checkpoint of a step; exits with the program's message if that fails.
+    def __call__(self, step, checkpoint):
+        """Return what the log says of a checkpoint folder; exits with the program's message if that fails.
 
-        This is `success_once` per task and, from the second checkpoint on, the verdict `than_before`.
+        This is `success_once` per task, whether the mean is at least that of the best one before (`is_best`), and, if
+        there is one, the verdict `than_best`.
         """
+        self.newest.unlink(missing_ok=True)
         try:
-            results = evaluate(self.policy, self.tasks, name=f"step-{step}", quiet=True, **self.options)
-            row = {"success_once": {cell.task: cell.rate for cell in results.cells}}
-            if self.previous is not None:
-                comparison = results.compare(self.previous)
-                row["than_before"] = comparison.verdict
+            results = evaluate(
+                f"{self.kind}:{checkpoint}", self.tasks, name=f"step-{step}", db=self.newest, quiet=True, **self.options
+            )
+            row = {"success_once": {cell.task: cell.rate for cell in results.cells}, "is_best": True}
+            if self.best.exists():
+                comparison = results.compare(Results(self.best, program=self.options.get("program")))
+                row |= {"than_best": comparison.verdict, "is_best": comparison.difference >= 0}
                 print(comparison, flush=True)
         except EvaluationError as error:
             sys.exit(f"error: {error}")
-        self.previous = results
+        if row["is_best"]:
+            self.newest.replace(self.best)
         return row
+
+
+class Training:
+    """A training that resumes after interruptions, to the bit.
+
+    Its folder is `training` in the output folder. The checkpoint in the output folder is the last one or, with
+    evaluation, the best one.
+
+    Args:
+        args: Command line arguments of the script.
+        parts: What a step changes, by name: `policy`, `averaged`, `optimiser`, and others with a `state_dict`.
+        fixed: {name: value} of what must be the same when training resumes.
+        losses: Names of the losses.
+
+    Attributes:
+        first: Number of steps done before.
+    """
+
+    def __init__(self, args, parts, fixed, losses):
+        self.args, self.parts, self.fixed, self.losses, self.first = args, parts, fixed, losses, 0
+        self.folder = args.output / "training"
+        self.state = self.folder / "state.pt"
+        if self.state.exists():
+            self.resume()
+
+    def resume(self):
+        """Restore the state of the last checkpoint."""
+        import torch
+
+        saved = torch.load(self.state, weights_only=True, map_location=getattr(self.args, "device", None))
+        for name, value in self.fixed.items():
+            made_with = saved["fixed"].get(name)
+            if made_with != value:
+                sys.exit(f"{self.state} was made with {name} {made_with}, not {value}; choose another --output")
+        for name, part in self.parts.items():
+            part.load_state_dict(saved[name])
+        self.first = saved["step"]
+        print(f"resuming after step {self.first}", flush=True)
+
+    def run(self, batches, gradients, export, *, warm_up, cool_down, max_norm, evaluate=None, started=None):
+        """Train until the last step or the time limit.
+
+        Args:
+            batches: Function from a range of steps to their batches.
+            gradients: Function that sets the gradients for a batch and returns the losses as a tensor.
+            export: Function that writes a checkpoint of the averaged weights into a folder.
+            warm_up: Steps of the warm-up.
+            cool_down: Fraction of the training over which the learning rate decays.
+            max_norm: Upper bound on the norm of all gradients together.
+            evaluate: A `CheckpointEvaluation`.
+            started: Time at which the time limit began, as of `time.monotonic`.
+        """
+        import torch
+
+        args, optimiser = self.args, self.parts["optimiser"]
+        parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
+        start = time.monotonic()
+        seconds = args.max_minutes and args.max_minutes * 60 - (start - (started or start)) - SAVING_S
+        schedule = Schedule(args.lr, args.steps, warm_up=warm_up, cool_down=cool_down, seconds=seconds)
+        steps, unread, since_saved = range(self.first, args.steps), [], []
+        for step, batch in zip(steps, batches(steps)):
+            for group in optimiser.param_groups:
+                group["lr"] = schedule.rate_at(step, schedule.progress(step))
+            torch.manual_seed(args.seed + step)
+            unread.append(gradients(batch))
+            torch.nn.utils.clip_grad_norm_(parameters, max_norm)
+            optimiser.step()
+            update_average(self.parts["averaged"], self.parts["policy"], step, args.ema)
+            done = step + 1
+            is_last = schedule.progress(done) >= 1
+            is_saved = done % args.save_every == 0 or is_last
+            if done % LOG_STEPS == 0 or is_saved:
+                since_saved += read(unread, done)
+                unread.clear()
+            if done % LOG_STEPS == 0:
+                rate = (done - self.first) * args.batch_size / (time.monotonic() - start)
+                means = ", ".join(f"{name} {x:.4f}" for name, x in self.means(since_saved[-LOG_STEPS:]).items())
+                print(f"step {done} of {args.steps}: {means}, {rate:.1f} samples/s", flush=True)
+            if is_saved:
+                row = {"step": done} | self.means(since_saved) | {"seconds": round(time.monotonic() - start, 1)}
+                self.save(row, export, evaluate)
+                since_saved.clear()
+            if is_last:
+                break
+
+    def means(self, losses):
+        """Return the mean of each loss."""
+        return {name: sum(values) / len(values) for name, values in zip(self.losses, zip(*losses))}
+
+    def save(self, row, export, evaluate):
+        """Write a checkpoint, evaluate it, and write a row of the log and the state."""
+        import torch
+
+        if not evaluate:
+            export(self.args.output)
+        else:
+            newest = self.folder / "newest"
+            export(newest)
+            row |= evaluate(row["step"], newest)
+            if row["is_best"]:
+                for path in sorted(newest.iterdir()):
+                    path.replace(self.args.output / path.name)
+        with open(self.folder / "log.jsonl", "a") as log:
+            log.write(json.dumps(row) + "\n")
+        print(json.dumps(row), flush=True)
+        # Saved last: after an interruption, unfinished work since the previous checkpoint is repeated.
+        saved = {name: part.state_dict() for name, part in self.parts.items()}
+        torch.save(saved | {"step": row["step"], "fixed": self.fixed}, self.folder / "new.pt")
+        (self.folder / "new.pt").replace(self.state)
+
+
+def read(losses, done):
+    """Return the losses of the last steps as numbers. It waits for the device, so it is not done in every step."""
+    import torch
+
+    numbers = torch.stack(losses).tolist()
+    for step, values in enumerate(numbers, done - len(losses)):
+        if not math.isfinite(sum(values)):
+            sys.exit(f"the losses of step {step} are {values}; lower --lr and resume from the last checkpoint")
+    return numbers
+
+
+def add_arguments(parser, *, steps, batch_size, lr, frame_stride):
+    """Add the options that the training scripts share, with a script's own defaults."""
+    parser.add_argument("dataset", type=Path, help="dataset of one morphology, for example demos/single")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="checkpoint folder")
+    parser.add_argument("--steps", type=int, default=steps, help="total updates; may be increased when resuming")
+    parser.add_argument("--max-minutes", type=float, help="time in which to end, even before the last step")
+    parser.add_argument(
+        "--frame-stride", type=int, default=frame_stride, help="begin examples at every nth frame of an episode"
+    )
+    parser.add_argument("--batch-size", type=int, default=batch_size, help="observations per update")
+    parser.add_argument("--lr", type=float, default=lr, help="learning rate between warm-up and decay")
+    parser.add_argument("--ema", type=float, default=0.999, help="decay of the averaged weights, per step")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--init", metavar="CHECKPOINT", help="fine-tune the weights of a checkpoint of this script")
+    parser.add_argument("--threads", type=int, default=os.cpu_count())
+    parser.add_argument("--save-every", type=int, default=1000, help="steps between checkpoints")
+    parser.add_argument("--episodes", type=int, default=20, help="episodes per task in an evaluation")
+    parser.add_argument("--evaluation-seed", type=int, default=7, help="use another seed for reported results")

@@ -1,4 +1,6 @@
+import os
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -24,3 +26,12 @@ def act(tmp_path_factory):
 def copy(act, tmp_path):
     """Folder of a tiny ACT that a test may change. Needs LeRobot."""
     return shutil.copytree(act, tmp_path / "checkpoint")
+
+
+@pytest.fixture(scope="session")
+def demos(tmp_path_factory):
+    """Folder of two demonstrations each of two tasks. Needs the binary."""
+    folder = tmp_path_factory.mktemp("demos")
+    command = [os.environ["HYPOGEUM"], "demos", "-o", folder, "--tasks", "RaiseCube,OpenDrawer", "--episodes", "2"]
+    subprocess.run(command, check=True, timeout=300)
+    return folder / "single"

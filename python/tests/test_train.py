@@ -1,15 +1,13 @@
 """Training as the README describes it. Set HYPOGEUM to the binary, and install lerobot and pyarrow."""
 
-import json
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from trainings import LIMIT_S, log, run, run_with_interruption
 
 torch = pytest.importorskip("torch")
 
@@ -19,44 +17,23 @@ pytest.importorskip("lerobot.policies.act.modeling_act", exc_type=ImportError)
 from hypogeum.lerobot import LeRobotPolicy  # noqa: E402
 
 SCRIPT = Path(__file__).parents[1] / "train_act.py"
-LIMIT_S = 300
-SMALL = "--width 4 --shrink 4 --dim 32 --layers 1 --batch-size 4 --steps 40 --save-every 5 --threads 1".split()
-
-
-@pytest.fixture(scope="module")
-def demos(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("demos")
-    command = [HYPOGEUM, "demos", "-o", folder, "--tasks", "RaiseCube,OpenDrawer", "--episodes", "2"]
-    subprocess.run(command, check=True, timeout=LIMIT_S)
-    return folder / "single"
+SMALL = "--width 8 --shrink 4 --dim 32 --layers 1 --batch-size 4 --steps 40 --save-every 5 --threads 1".split()
 
 
 def command(demos, output, *options):
     return [sys.executable, SCRIPT, demos, "-o", output, *SMALL, *options]
 
 
-def log(output):
-    path = output / "training/log.jsonl"
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-
-
 def test_training_learns_and_resumes_after_interruption(demos, tmp_path):
     uninterrupted, resumed = tmp_path / "uninterrupted", tmp_path / "resumed"
     evaluated = command(demos, uninterrupted, "--tasks", "RaiseCube", "--evaluate", HYPOGEUM, "--episodes", "1")
-    subprocess.run([*evaluated, "--save-every", "20"], check=True, timeout=LIMIT_S)
+    run([*evaluated, "--save-every", "20"])
     rows = log(uninterrupted)
     assert [row["step"] for row in rows] == [20, 40] and rows[-1]["loss"] < 0.9 * rows[0]["loss"]
     assert all(list(row["success_once"]) == ["RaiseCube"] for row in rows)
-    assert "than_before" not in rows[0] and rows[1]["than_before"] == "undecided"
+    assert rows[0]["is_best"] and "than_best" not in rows[0] and rows[1]["than_best"] == "undecided"
 
-    child = subprocess.Popen(command(demos, resumed, "--tasks", "RaiseCube"))
-    deadline = time.monotonic() + LIMIT_S
-    while not (resumed / "training/state.pt").exists() and child.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.05)
-    child.send_signal(signal.SIGINT)
-    child.wait(timeout=LIMIT_S)
-    assert len(log(resumed)) < 8, "training ended before it could be interrupted"
-    subprocess.run(command(demos, resumed, "--tasks", "RaiseCube"), check=True, timeout=LIMIT_S)
+    run_with_interruption(command(demos, resumed, "--tasks", "RaiseCube"), resumed, checkpoints=8)
     weights = "model.safetensors"
     assert (uninterrupted / weights).read_bytes() == (resumed / weights).read_bytes()
 
@@ -81,7 +58,7 @@ def test_conflicting_options_are_rejected(demos, tmp_path_factory, options, word
     output = tmp_path_factory.getbasetemp() / "conflicting"
     short = ["--steps", "1", "--save-every", "1"]
     if not output.exists():
-        subprocess.run(command(demos, output, *short), check=True, timeout=LIMIT_S)
+        run(command(demos, output, *short))
     done = subprocess.run(command(demos, output, *short, *options), capture_output=True, text=True, timeout=LIMIT_S)
     assert done.returncode == 1 and all(word in done.stderr for word in words), done.stderr
 
@@ -89,7 +66,7 @@ def test_conflicting_options_are_rejected(demos, tmp_path_factory, options, word
 def test_training_ends_within_its_time(demos, tmp_path):
     output = tmp_path / "bounded"
     endless = command(demos, output, "--steps", "1000000", "--save-every", "1000000", "--frame-stride", "3")
-    subprocess.run([*endless, "--max-minutes", "0.5"], check=True, timeout=LIMIT_S)
+    run([*endless, "--max-minutes", "0.5"])
     [row] = log(output)
     assert row["seconds"] < 30 and row["step"] < 1_000_000 and (output / "model.safetensors").exists()
 

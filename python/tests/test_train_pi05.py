@@ -1,10 +1,14 @@
-"""Test of the training script for π0.5, against LeRobot's implementation."""
+"""Test of the training script for π0.5, against LeRobot's implementation and in use."""
 
 import importlib.util
+import os
+import subprocess
+import sys
 from argparse import Namespace
 from pathlib import Path
 
 import pytest
+from trainings import LIMIT_S, log, run, run_with_interruption
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("sentencepiece")
@@ -16,6 +20,9 @@ ARGS = Namespace(
     side=28, vision=16, vision_layers=2, vision_heads=2, vision_mlp=24, prefix=24, prefix_mlp=32, expert=16,
     expert_mlp=24, layers=2, head_dim=8, vocabulary=1024, chunk=5, execute=5,
 )  # fmt: skip
+HYPOGEUM = os.environ.get("HYPOGEUM")
+SMALL = """--side 28 --vision 16 --vision-layers 1 --vision-heads 2 --vision-mlp 16 --prefix 16 --prefix-mlp 16 --expert 16
+    --expert-mlp 16 --layers 1 --head-dim 8 --chunk 5 --execute 5 --batch-size 4 --draws 2 --threads 1""".split()
 
 
 @pytest.fixture(scope="module")
@@ -55,3 +62,27 @@ def test_loss_equals_lerobots(script, tokenizer):
     for draw in range(3):
         theirs = network(list(images), present, tokens, mask, actions, noise[:, draw], t[:, draw])
         torch.testing.assert_close(ours[:, draw], theirs, rtol=1e-4, atol=1e-4)
+
+
+def command(demos, output, *options):
+    return [sys.executable, SCRIPT, demos, "-o", output, "--binary", HYPOGEUM, *SMALL, *options]
+
+
+@pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM is not set to the binary")
+def test_training_resumes_and_continues_weights(demos, tmp_path):
+    uninterrupted, resumed, continued = (tmp_path / name for name in ("uninterrupted", "resumed", "continued"))
+    steps = ["--steps", "24", "--save-every", "3"]
+    run(command(demos, uninterrupted, *steps))
+    run_with_interruption(command(demos, resumed, *steps), resumed, checkpoints=8)
+    weights = "model.safetensors"
+    assert (uninterrupted / weights).read_bytes() == (resumed / weights).read_bytes()
+
+    one_task = ["--tasks", "RaiseCube", "--steps", "2", "--save-every", "1", "--evaluate", "--episodes", "1"]
+    run(command(demos, continued, "--init", uninterrupted, *one_task))
+    rows = log(continued)
+    assert [row["success_once"] for row in rows] == [{"RaiseCube": 0.0}] * 2 and rows[1]["than_best"] == "undecided"
+    assert rows[1]["flow"] > 0 and (continued / weights).exists()
+
+    wider = command(demos, tmp_path / "wider", "--init", uninterrupted, "--expert", "24")
+    done = subprocess.run(wider, capture_output=True, text=True, timeout=LIMIT_S)
+    assert done.returncode == 1 and "has shape" in done.stderr and weights in done.stderr, done.stderr
