@@ -48,6 +48,7 @@ struct PageContext<'a> {
     averages: Vec<content::headlines::AverageRow>,
     modality_names: [&'static str; 3],
     embodiments: Vec<&'a EmbodimentDifference>,
+    published: &'a [content::published::PublishedRow],
     hardware: &'a [HardwareFit],
     policies: &'a [content::PolicySummary],
     /// Confidence of intervals in percent, and margin of equality in points.
@@ -90,6 +91,7 @@ pub(crate) fn html(report: &ReportContent, movies: &[Movie]) -> anyhow::Result<S
             .iter()
             .filter(|one| report.under_test().any(|policy| policy.name == one.policy))
             .collect(),
+        published: &report.published,
         hardware: &report.hardware,
         policies: &report.policies,
         files: &report.files,

@@ -13,6 +13,7 @@ use crate::study::analysis::{
 };
 use crate::study::page::content::external::ExternalData;
 use crate::study::page::content::hardware;
+use crate::study::page::content::published::published_rows;
 use crate::study::page::content::warnings::warnings;
 use crate::study::page::content::{FileSummary, PolicyRole, PolicySummary, ReportContent};
 
@@ -93,9 +94,11 @@ impl ReportContent {
             effects,
             comparisons,
             perturbations,
+            published: Vec::new(),
             external,
             hardware: Vec::new(),
         };
+        report.published = published_rows(&report);
         report.hardware =
             report.external.hardware.as_ref().map_or_else(Vec::new, |table| hardware::fits(&report, table));
         report.warnings = warnings(&report, evaluation);

@@ -4,6 +4,7 @@ pub(crate) mod computation;
 pub(crate) mod external;
 pub(crate) mod hardware;
 pub(crate) mod headlines;
+pub(crate) mod published;
 pub(crate) mod tables;
 pub(crate) mod warnings;
 
@@ -40,6 +41,8 @@ pub(crate) struct ReportContent {
     pub(crate) comparisons: Vec<Comparison>,
     /// Each policy under its perturbations, against its own unperturbed twins.
     pub(crate) perturbations: Vec<Comparison>,
+    /// Means that the paper gives, too.
+    pub(crate) published: Vec<PublishedRow>,
     /// Measurements from elsewhere, and how far the hardware's agree.
     pub(crate) external: ExternalData,
     pub(crate) hardware: Vec<HardwareFit>,
@@ -109,6 +112,41 @@ pub(crate) struct FittedLine {
     pub(crate) offset: f64,
     /// `None` if the values in simulation are constant.
     pub(crate) r_squared: Option<f64>,
+}
+
+/// A mean of a report that the paper (arXiv 2605.27759) also gives.
+#[derive(Debug, Serialize)]
+pub(crate) struct PublishedRow {
+    /// Name of the policy.
+    pub(crate) policy: String,
+    pub(crate) robot: &'static str,
+    pub(crate) quantity: String,
+    /// Success rate in percent, or change in points, of this report.
+    pub(crate) ours: f64,
+    /// Interval of a change under perturbations.
+    pub(crate) interval: Option<[f64; 2]>,
+    /// The same change relative to the unperturbed success rate, in percent.
+    pub(crate) relative: Option<f64>,
+    /// The paper's number.
+    pub(crate) paper: f64,
+    pub(crate) unit: PublishedUnit,
+}
+
+/// Unit of a number in the paper.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub(crate) enum PublishedUnit {
+    /// Success in percent.
+    #[serde(rename = "%")]
+    Success,
+    /// Percentage points.
+    #[serde(rename = "points")]
+    Points,
+    /// Percent of the unperturbed success rate.
+    #[serde(rename = "relative, %")]
+    Relative,
+    /// Percentage points or percent: the paper's text uses both and does not say which.
+    #[serde(rename = "points or relative, %")]
+    Unclear,
 }
 
 impl ReportContent {
