@@ -4,7 +4,7 @@
 set -euo pipefail
 
 hypogeum=$1
-checkpoint=$(realpath "$(dirname "$0")/../checkpoints/act-small")
+checkpoint=$(realpath "$(dirname "$0")/../checkpoints/act-all")
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"

@@ -19,7 +19,7 @@ const BOUND: Duration = Duration::from_secs(120);
 
 /// Starts a run of a policy whose host spends most of the time in an answer.
 fn start(dir: &Path, db: &str, extra: &[&str]) -> Child {
-    let checkpoint = Path::new(env!("CARGO_MANIFEST_DIR")).join("../checkpoints/act-small");
+    let checkpoint = Path::new(env!("CARGO_MANIFEST_DIR")).join("../checkpoints/act-all");
     let policy = format!("act=act:{}", checkpoint.display());
     let episodes = EPISODES.to_string();
     let mut args = vec!["run", "--policy", &policy, "--tasks", "OpenDrawer", "--perturbations", "None"];

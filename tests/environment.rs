@@ -148,7 +148,7 @@ impl Drop for MemoryGroup {
 fn memory_of_the_control_group_is_what_counts() {
     let group = MemoryGroup::new(90).expect("root may make a control group with a memory controller");
     let dir = tempfile::tempdir().unwrap();
-    let act = format!("act=act:{}/../checkpoints/act-small", env!("CARGO_MANIFEST_DIR"));
+    let act = format!("act=act:{}/../checkpoints/act-all", env!("CARGO_MANIFEST_DIR"));
     let args = ["run", "--tasks", "RaiseCube", "--episodes", "128", "--policy"];
     let fixed = [&args[..], &[&act, "--envs", "128", "--db", "fixed.db"]].concat();
     // While no child is alive, the kernel can only choose the orchestrator. The same command goes on then.

@@ -9,14 +9,12 @@ use crate::source::{Source, assert_none, files_below, relative, root, rust_sourc
 /// Maximum size of a file in bytes, unless it is listed below.
 const MAX_BYTES: u64 = 256 * 1024;
 /// Larger files, each with the reason for it.
-const LARGE_FILES: [(&str, &str); 18] = [
-    ("checkpoints/act-all/single/model.safetensors", "weights of the bundled policy of all tasks"),
-    ("checkpoints/act-all/bimanual/model.safetensors", "weights of the bundled policy of all tasks"),
+const LARGE_FILES: [(&str, &str); 16] = [
+    ("checkpoints/act-all/single/model.safetensors", "weights of a bundled policy"),
+    ("checkpoints/act-all/bimanual/model.safetensors", "weights of a bundled policy"),
     ("checkpoints/act-original/single/model.safetensors", "weights of a policy trained in the original"),
-    ("checkpoints/act-small/single/model.safetensors", "weights of the bundled policy"),
-    ("checkpoints/act-small/bimanual/model.safetensors", "weights of the bundled policy"),
-    ("checkpoints/pi05-small/single/model.safetensors", "weights of the bundled policy"),
-    ("checkpoints/pi05-small/bimanual/model.safetensors", "weights of the bundled policy"),
+    ("checkpoints/pi05-small/single/model.safetensors", "weights of a bundled policy"),
+    ("checkpoints/pi05-small/bimanual/model.safetensors", "weights of a bundled policy"),
     ("policy-host/tests/data/act-tiny/single/model.safetensors", "test checkpoint"),
     ("policy-host/tests/data/act-tiny/bimanual/model.safetensors", "test checkpoint"),
     ("policy-host/tests/data/lerobot/", "test checkpoints in LeRobot's layouts, with reference outputs"),
