@@ -48,7 +48,7 @@ struct PageContext<'a> {
     averages: Vec<content::headlines::AverageRow>,
     modality_names: [&'static str; 3],
     embodiments: Vec<&'a EmbodimentDifference>,
-    published: &'a [content::published::PublishedRow],
+    published: &'a [content::PublishedRow],
     hardware: &'a [HardwareFit],
     policies: &'a [content::PolicySummary],
     /// Confidence of intervals in percent, and margin of equality in points.
