@@ -1,5 +1,7 @@
 //! The page of `hypogeum report`, its data and exports.
 
+use std::path::Path;
+
 use serde_json::Value;
 use support::{act_tiny, run};
 
@@ -54,6 +56,34 @@ fn report_is_complete_and_needs_no_network() {
     assert!(out.join("episodes.parquet").metadata().unwrap().len() > 1000);
 }
 
+/// Replaces the episodes of a results file by copies of its only one: 200 per cell with these success rates in
+/// percent, where there is one.
+fn replace_episodes(path: &Path, columns: [&str; 7], table: &[(&str, [f64; 7])]) {
+    let mut connection = rusqlite::Connection::open(path).unwrap();
+    let transaction = connection.transaction().unwrap();
+    transaction
+        .execute_batch("CREATE TEMP TABLE one AS SELECT * FROM episodes; DELETE FROM episodes")
+        .unwrap();
+    for (task, rates) in table {
+        for (perturbation, rate) in columns.iter().zip(rates).filter(|(_, rate)| rate.is_finite()) {
+            for episode in 0..200 {
+                let success = f64::from(episode) < 2.0 * rate;
+                transaction
+                    .execute(
+                        "UPDATE one SET task = ?1, perturbation = ?2, episode = ?3, success_once = ?4",
+                        (task, perturbation, episode, success),
+                    )
+                    .unwrap();
+                transaction.execute("INSERT INTO episodes SELECT * FROM one", []).unwrap();
+            }
+        }
+    }
+    transaction.execute("DELETE FROM manifest WHERE key = 'plans'", []).unwrap();
+    transaction.commit().unwrap();
+    drop(connection);
+    orchestrator::fuzzing::seal_results(path);
+}
+
 /// Success rates in percent of an earlier ACT over 200 episodes (`scripts/colosseum_v2_paper` of the
 /// original at commit b603b58), and the changes that its code computes from them.
 #[test]
@@ -78,29 +108,7 @@ fn golden_table_gives_the_paper_s_changes() {
     let act = format!("act=act:{}", act_tiny());
     let args = ["run", "--policy", &act, "--tasks", "RaiseCube", "--episodes", "1", "--db", "r.db"];
     let _ = run(dir.path(), &args).expect_code(0);
-    let mut connection = rusqlite::Connection::open(dir.path().join("r.db")).unwrap();
-    let transaction = connection.transaction().unwrap();
-    transaction
-        .execute_batch("CREATE TEMP TABLE one AS SELECT * FROM episodes; DELETE FROM episodes")
-        .unwrap();
-    for (task, rates) in table {
-        for (perturbation, rate) in columns.iter().zip(rates).filter(|(_, rate)| rate.is_finite()) {
-            for episode in 0..200 {
-                let success = f64::from(episode) < 2.0 * rate;
-                transaction
-                    .execute(
-                        "UPDATE one SET task = ?1, perturbation = ?2, episode = ?3, success_once = ?4",
-                        (task, perturbation, episode, success),
-                    )
-                    .unwrap();
-                transaction.execute("INSERT INTO episodes SELECT * FROM one", []).unwrap();
-            }
-        }
-    }
-    transaction.execute("DELETE FROM manifest WHERE key = 'plans'", []).unwrap();
-    transaction.commit().unwrap();
-    drop(connection);
-    orchestrator::fuzzing::seal_results(&dir.path().join("r.db"));
+    replace_episodes(&dir.path().join("r.db"), columns, &table);
     let _ = run(dir.path(), &["report", "r.db", "-o", "out"]).expect_code(0);
     let data: Value =
         serde_json::from_slice(&std::fs::read(dir.path().join("out/data.json")).unwrap()).unwrap();
