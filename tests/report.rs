@@ -58,8 +58,7 @@ fn report_is_complete_and_needs_no_network() {
     assert!(out.join("episodes.parquet").metadata().unwrap().len() > 1000);
 }
 
-/// Replaces the episodes of a results file by copies of its only one: 200 per cell with these success rates in
-/// percent, where there is one.
+/// Replaces the only episode of a results file by copies: 200 per cell, with the cell's success rate in %.
 fn replace_episodes(path: &Path, columns: [&str; 7], table: &[(&str, [f64; 7])]) {
     let mut connection = rusqlite::Connection::open(path).unwrap();
     let transaction = connection.transaction().unwrap();

@@ -9,7 +9,7 @@ use crate::source::{Source, assert_none, files_below, relative, root, rust_sourc
 /// Maximum size of a file in bytes, unless it is listed below.
 const MAX_BYTES: u64 = 256 * 1024;
 /// Larger files, each with the reason for it.
-const LARGE_FILES: [(&str, &str); 16] = [
+const LARGE_FILES: [(&str, &str); 15] = [
     ("checkpoints/act-all/single/model.safetensors", "weights of a bundled policy"),
     ("checkpoints/act-all/bimanual/model.safetensors", "weights of a bundled policy"),
     ("checkpoints/act-original/single/model.safetensors", "weights of a policy trained in the original"),
@@ -20,8 +20,7 @@ const LARGE_FILES: [(&str, &str); 16] = [
     ("policy-host/tests/data/lerobot/", "test checkpoints in LeRobot's layouts, with reference outputs"),
     ("policy-host/tests/data/pi05/", "test checkpoints of a narrow network, with reference outputs"),
     ("policy-host/tests/data/clip-tiny/", "test text encoder with reference outputs"),
-    ("docs/example-report/index.html", "a self-contained report with all its figures"),
-    ("docs/example-report/flip-2.gif", "a movie of the example report"),
+    ("docs/baselines/index.html", "a self-contained report with all its figures"),
     ("docs/images/first-light.gif", "the README's animation"),
     ("docs/images/experts.jpg", "three images of each of the 28 tasks"),
     ("docs/images/gallery.jpg", "one image of each of the 28 tasks"),
