@@ -14,8 +14,6 @@ enum Quantity {
     Unperturbed,
     Under(Perturbation),
     Modality(Modality),
-    /// Mean absolute difference between the changes of one arm and of two.
-    Embodiments,
 }
 
 /// The means in the paper's text (arXiv 2605.27759): of ACT with one arm and two, and of π0.5 with one arm
@@ -48,7 +46,7 @@ const fn only_last(value: f64) -> [Option<f64>; 4] {
     [None, None, None, Some(value)]
 }
 
-/// The paper's differences between embodiments, of ACT and of π0.5, in points.
+/// The paper's mean absolute differences between the changes of one arm and of two, in points.
 const EMBODIMENTS: [(Family, f64); 2] = [(Family::Act, 10.83), (Family::Pi05, 3.69)];
 
 /// Returns the means of the paper's policies that it gives, too. The paper's are means over all tasks of a
@@ -72,7 +70,7 @@ pub(crate) fn published_rows(report: &ReportContent) -> Vec<PublishedRow> {
             rows.push(PublishedRow {
                 policy: policy.name.clone(),
                 robot: "both",
-                quantity: Quantity::Embodiments.name(),
+                quantity: "difference between one arm and two".to_owned(),
                 ours: 100.0 * ours.difference,
                 interval: None,
                 relative: None,
@@ -119,7 +117,6 @@ fn row(
             let effect = report.modality_effect(policy, morphology, modality)?;
             (effect.change?, effect.relative_change)
         }
-        Quantity::Embodiments => return None,
     };
     let group = format!("{}, {}", quantity.group(), morphology_name(morphology));
     let groups = report.perturbations.iter().filter(|comparison| match &comparison.sides {
@@ -144,7 +141,6 @@ impl Quantity {
     fn name(self) -> String {
         match self {
             Self::Unperturbed => "unperturbed success".to_owned(),
-            Self::Embodiments => "difference between one arm and two".to_owned(),
             Self::Under(_) | Self::Modality(_) => format!("change under {}", self.group()),
         }
     }
@@ -152,7 +148,7 @@ impl Quantity {
     /// Returns the name of the cells over which the mean is taken.
     fn group(self) -> String {
         match self {
-            Self::Unperturbed | Self::Embodiments => Perturbation::None.name().to_owned(),
+            Self::Unperturbed => Perturbation::None.name().to_owned(),
             Self::Under(perturbation) => perturbation.name().to_owned(),
             Self::Modality(modality) => modality_name(modality).to_owned(),
         }
