@@ -14,6 +14,7 @@ from lerobot.envs.configs import EnvConfig
 from lerobot.envs.utils import preprocess_observation
 from lerobot.policies.factory import make_policy, make_pre_post_processors
 from lerobot.policies.pi05.modeling_pi05 import PI05Policy
+from lerobot.processor import RelativeActionsProcessorStep
 from make_act_checkpoint import INSTRUCTIONS, generated_observation
 from torchvision.models.resnet import BasicBlock, ResNet
 
@@ -129,6 +130,8 @@ def observation(step, instruction, sizes, state_dim):
 def run(folder, n_steps, instruction=INSTRUCTIONS[0]):
     """Return the actions `[n_steps, action_dim] f32` that LeRobot's loop executes.
 
+    Relative actions are added to the state of their query, as in training and in LeRobot's asynchronous inference;
+    `lerobot-eval` adds them to the state of the control step in which they are executed.
     `lerobot-eval` insists on steps for devices and names, because it overrides them; here they may be absent. Its
     command line repeats the map of names that the preprocessor contains.
     """
@@ -158,7 +161,8 @@ def run(folder, n_steps, instruction=INSTRUCTIONS[0]):
     queries = iter(range(n_steps))
     if not is_act:
         policy.model.sample_noise = lambda shape, _: torch.from_numpy(draw_noise(POLICY_SEED, next(queries), shape))
-    actions = []
+    relative = next((step for step in preprocess.steps if isinstance(step, RelativeActionsProcessorStep)), None)
+    actions, origin = [], None
     policy.reset()
     with torch.inference_mode():
         for step in range(n_steps):
@@ -167,7 +171,11 @@ def run(folder, n_steps, instruction=INSTRUCTIONS[0]):
                 width = config.env_state_feature.shape[0]
                 inputs[ENV_STATE] = torch.from_numpy(hashed_embedding(instruction, width)).float()[None]
             inputs["task"] = [instruction]
-            actions.append(postprocess(policy.select_action(preprocess(inputs))).numpy()[0].copy())
+            inputs = preprocess(inputs)
+            if relative:
+                origin = origin if policy._action_queue else relative.get_cached_state()
+                relative._last_state = origin
+            actions.append(postprocess(policy.select_action(inputs)).numpy()[0].copy())
     actions = np.stack(actions)
     if not np.isfinite(actions).all():
         raise ValueError("an action is not finite")

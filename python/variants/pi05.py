@@ -264,7 +264,8 @@ def execution():
 def relative_actions():
     """Return variants of actions relative to the state."""
     relative = lambda key, value: set_value(PRE, ["steps", RELATIVE, "config", key], value)  # noqa: E731
-    enabled = [relative("enabled", True), set_value(POST, ["steps", 1, "config", "enabled"], True)]
+    steps = [relative("enabled", True), set_value(POST, ["steps", 1, "config", "enabled"], True)]
+    enabled = [*steps, set_value(CONFIG, ["use_relative_actions"], True)]
     step = lambda name, key, change, edits, verdict="honoured": Variant(  # noqa: E731
         "pi05", f"{name} {key}", change, edits, verdict=verdict
     )
@@ -273,15 +274,23 @@ def relative_actions():
         config("pi05", "use_relative_actions", True, refused("use_relative_actions")),
         config("pi05", "relative_exclude_joints", []),
         config("pi05", "action_feature_names", names),
+        step("relative_actions_processor", "enabled", "true, as in the other step and in config.json", enabled),
         step(
             "relative_actions_processor",
             "enabled",
-            "true in both steps",
-            enabled,
+            "1, as in the other step",
+            [relative("enabled", 1), set_value(POST, ["steps", 1, "config", "enabled"], 1), enabled[2]],
+        ),
+        step("relative_actions_processor", "enabled", "true in both steps", steps, refused("use_relative_actions")),
+        step("relative_actions_processor", "enabled", "true", [steps[0]], refused("relative_actions_processor")),
+        step("absolute_actions_processor", "enabled", "true", [steps[1]], refused("absolute_actions_processor")),
+        step(
+            "policy_preprocessor.json",
+            "steps",
+            "without relative_actions_processor, relative actions",
+            [*enabled, pick(PRE, [0, 1, 3, 4, 5, 6])],
             refused("relative_actions_processor"),
         ),
-        step("relative_actions_processor", "enabled", "true", [enabled[0]], refused("relative_actions_processor")),
-        step("absolute_actions_processor", "enabled", "true", [enabled[1]], refused("absolute_actions_processor")),
         step(
             "absolute_actions_processor",
             "relative_step",
@@ -297,7 +306,47 @@ def relative_actions():
             refused("unknown_key"),
         ),
         step("relative_actions_processor", "exclude_joints", "none", [relative("exclude_joints", [])]),
+        step(
+            "relative_actions_processor",
+            "exclude_joints",
+            "none, relative actions",
+            [*enabled, relative("exclude_joints", []), relative("action_names", names)],
+        ),
+        step(
+            "relative_actions_processor",
+            "exclude_joints",
+            "a part of two names, in capitals, and no name",
+            [
+                *enabled,
+                relative("exclude_joints", ["INT1", "", "gripper"]),
+                relative("action_names", ["joint1", "x", "Joint10", "y", "z", "w", "gripper"]),
+            ],
+        ),
+        step(
+            "relative_actions_processor",
+            "exclude_joints",
+            "null",
+            [*enabled, relative("exclude_joints", None), relative("action_names", names)],
+        ),
         step("relative_actions_processor", "action_names", "names of joints", [relative("action_names", names)]),
+        step(
+            "relative_actions_processor",
+            "action_names",
+            "names of joints, relative actions",
+            [*enabled, relative("action_names", names)],
+        ),
+        step(
+            "relative_actions_processor",
+            "action_names",
+            "fewer than entries",
+            [*enabled, relative("exclude_joints", ["joint1"]), relative("action_names", names[:3])],
+        ),
+        step(
+            "relative_actions_processor",
+            "action_names",
+            "more than entries",
+            [*enabled, relative("exclude_joints", ["joint1"]), relative("action_names", [*names, "joint1", "joint1"])],
+        ),
         step(
             "policy_preprocessor.json", "steps", "without relative_actions_processor", [pick(PRE, [0, 1, 3, 4, 5, 6])]
         ),

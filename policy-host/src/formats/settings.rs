@@ -102,10 +102,15 @@ impl Settings {
         self.entries.iter().any(|(name, _)| name == key)
     }
 
+    /// Takes a switch, if it is there.
+    pub(crate) fn switch(&mut self, key: &str) -> Result<Option<bool>, CheckpointError> {
+        Ok(self.take::<Flag>(key)?.map(Flag::is_set))
+    }
+
     /// Takes a switch that must be off.
     pub(crate) fn refuse_switch(&mut self, key: &str, expected: &str) -> Result<(), CheckpointError> {
-        match self.take::<Flag>(key)? {
-            Some(flag) if flag.is_set() => Err(self.value(key, "true", expected)),
+        match self.switch(key)? {
+            Some(true) => Err(self.value(key, "true", expected)),
             _ => Ok(()),
         }
     }

@@ -41,15 +41,16 @@ pub trait DeviceNetwork: Send {
     ) -> Result<Vec<BatchInFlight>, PolicyError>;
 
     /// Waits for a batch and writes a chunk into each element of `answer`, of as many rows as
-    /// `n_rows(env, horizon)` returns, or more.
+    /// `n_rows(env, horizon)` returns, or more. `state(env)` is the robot's state in the observation.
     ///
     /// # Errors
     /// If the device fails.
-    fn collect(
+    fn collect<'a>(
         &mut self,
         gpu: &GpuDevice,
         batch: BatchInFlight,
         n_rows: &dyn Fn(usize, usize) -> usize,
+        state: &dyn Fn(usize) -> &'a [f32],
         answer: &mut [ActionChunk],
     ) -> Result<(), GpuError>;
 
@@ -153,7 +154,8 @@ impl<N: DeviceNetwork> PolicyPipeline for GpuPolicy<N> {
         let parts = batches.into_iter().zip(answer.chunks_mut(capacity));
         for ((batch, answer), first_env) in parts.zip((0..).step_by(capacity)) {
             let n_rows = |env, horizon| rows.count(observation.env(first_env + env).record.execute, horizon);
-            networks[index].collect(gpu, batch, &n_rows, answer)?;
+            let state = |env| observation.env(first_env + env).state;
+            networks[index].collect(gpu, batch, &n_rows, &state, answer)?;
         }
         Ok(())
     }
@@ -161,7 +163,7 @@ impl<N: DeviceNetwork> PolicyPipeline for GpuPolicy<N> {
     fn discard(&mut self) -> Result<(), PolicyError> {
         let (index, batches) = self.oldest();
         for batch in batches {
-            self.networks[index].collect(&self.gpu, batch, &|_, horizon| horizon, &mut [])?;
+            self.networks[index].collect(&self.gpu, batch, &|_, horizon| horizon, &|_| &[], &mut [])?;
         }
         Ok(())
     }

@@ -10,7 +10,7 @@ use super::statistics::{DEFAULT_EPSILON, Modes, Normaliser, StatisticsFile};
 use crate::formats::error::CheckpointError;
 use crate::formats::files::{POSTPROCESSOR, PREPROCESSOR};
 use crate::formats::settings::{IgnoreList, Settings};
-use crate::weights::TensorFile;
+use crate::weights::{CONFIG_FILE, TensorFile};
 
 /// Data types to which a processor may cast, because tensors have them here.
 const FLOAT_TYPES: [&str; 2] = ["float32", "float"];
@@ -61,6 +61,16 @@ pub(crate) struct TokenizerSettings {
     pub(crate) max_tokens: Option<usize>,
 }
 
+/// The step that makes actions relative to the state in training.
+#[derive(Debug)]
+struct RelativeActions {
+    is_enabled: bool,
+    /// Parts of the names of entries that stay absolute.
+    exclude: Vec<String>,
+    /// Names of the action's entries. Without them, all entries are relative.
+    names: Option<Vec<String>>,
+}
+
 /// Contents of both files.
 #[derive(Debug)]
 pub(crate) struct Processors {
@@ -72,6 +82,10 @@ pub(crate) struct Processors {
     pub(crate) tokenizer: Option<TokenizerSettings>,
     /// Number of entries to which π0.5's step pads the state in the prompt, in versions that do.
     pub(crate) max_state_dim: Option<usize>,
+    /// The step that makes actions relative to the state in training, switched on or off.
+    relative: Option<RelativeActions>,
+    /// `true` if the step that adds the state to actions is switched on.
+    is_absolute: bool,
 }
 
 /// One step of a file.
@@ -163,6 +177,8 @@ impl Processors {
             outputs: None,
             tokenizer: None,
             max_state_dim: None,
+            relative: None,
+            is_absolute: false,
         };
         for (name, allowed) in [(PREPROCESSOR, before), (POSTPROCESSOR, after)] {
             let mut file = ProcessorFile { folder, path: folder.join(name), ignore, notes };
@@ -171,6 +187,69 @@ impl Processors {
             }
         }
         Ok(processors)
+    }
+
+    /// Returns which entries of an action are relative to those of the state with the same index, or an empty
+    /// vector if none is. The steps of both files and the configuration must agree.
+    pub(crate) fn relative_entries(
+        &self,
+        folder: &Path,
+        is_configured: bool,
+        action_dim: usize,
+        state_dim: usize,
+    ) -> Result<Vec<bool>, CheckpointError> {
+        let mismatch = |file: &str, key: &str, found: String, expected: &str| CheckpointError::Value {
+            path: folder.join(file),
+            key: key.to_owned(),
+            found,
+            expected: expected.to_owned(),
+        };
+        let enabled = |kind: StepKind| format!("{}.enabled", kind.name());
+        let relative = self.relative.as_ref().filter(|step| step.is_enabled);
+        if relative.is_some() != self.is_absolute {
+            let other = format!("{} is {}", enabled(StepKind::Relative), relative.is_some());
+            let found = format!("{}, while {other}", self.is_absolute);
+            let expected =
+                "the same value in both: actions that are relative in training become absolute in a run";
+            return Err(mismatch(POSTPROCESSOR, &enabled(StepKind::Absolute), found, expected));
+        }
+        if is_configured != self.is_absolute {
+            let found =
+                format!("{is_configured}, while {} is {}", enabled(StepKind::Absolute), self.is_absolute);
+            return Err(mismatch(CONFIG_FILE, "use_relative_actions", found, "the same value in both"));
+        }
+        let Some(relative) = relative else { return Ok(Vec::new()) };
+        if state_dim < action_dim {
+            let expected =
+                format!("at least {action_dim}, because every entry of an action is relative to one of them");
+            let found = format!("{state_dim} entries");
+            return Err(mismatch(CONFIG_FILE, "input_features.observation.state", found, &expected));
+        }
+        Ok(relative.entries(action_dim))
+    }
+}
+
+impl RelativeActions {
+    fn read(config: &mut Settings) -> Result<Self, CheckpointError> {
+        Ok(Self {
+            is_enabled: config.switch("enabled")?.unwrap_or(false),
+            exclude: config.take_or("exclude_joints", Vec::new())?,
+            names: config.take("action_names")?,
+        })
+    }
+
+    /// Returns which entries of an action are relative: those whose name contains no excluded one. Case does
+    /// not matter.
+    fn entries(&self, action_dim: usize) -> Vec<bool> {
+        let exclude: Vec<_> =
+            self.exclude.iter().filter(|name| !name.is_empty()).map(|name| name.to_lowercase()).collect();
+        let is_relative = |name: &String| {
+            let name = name.to_lowercase();
+            !exclude.iter().any(|excluded| name.contains(excluded))
+        };
+        let mut entries: Vec<_> = self.names.iter().flatten().take(action_dim).map(is_relative).collect();
+        entries.resize(action_dim, true);
+        entries
     }
 }
 
@@ -252,12 +331,9 @@ impl ProcessorFile<'_> {
                 }
                 config.discard(&["device"]);
             }
-            StepKind::Relative | StepKind::Absolute => {
-                config.refuse_switch(
-                    "enabled",
-                    "false: relative actions are not supported; serve the checkpoint with `python -m hypogeum.lerobot`",
-                )?;
-                config.discard(&["exclude_joints", "action_names"]);
+            StepKind::Relative => processors.relative = Some(RelativeActions::read(&mut config)?),
+            StepKind::Absolute => {
+                processors.is_absolute = config.switch("enabled")?.unwrap_or(false);
             }
             StepKind::Normalise => {
                 processors.inputs = Some(self.normaliser(kind, &mut config, state_file)?);

@@ -143,7 +143,7 @@ impl Policy for Pi05Policy {
             let mut batch = processor.batch(observation, first_env, prompts);
             let mut actions = std::mem::take(&mut batch.noise);
             model.sample(batch.input(), &mut actions, None);
-            processor.write_chunks(&actions, answer);
+            processor.write_chunks(&actions, |idx| observation.env(first_env + idx).state, answer);
         }
         Ok(())
     }

@@ -101,23 +101,32 @@ impl Pi05Processor {
     }
 
     /// Writes the robot's part of denoised `actions [n, horizon, action_width]`, one chunk per element of
-    /// `answer`.
-    pub(crate) fn write_chunks(&self, actions: &[f32], answer: &mut [ActionChunk]) {
-        let Pi05Description { architecture, action, action_dim, .. } = &self.description;
+    /// `answer`. `state(idx)` is the robot's state in the observation that element `idx` answers.
+    pub(crate) fn write_chunks<'a>(
+        &self,
+        actions: &[f32],
+        state: impl Fn(usize) -> &'a [f32],
+        answer: &mut [ActionChunk],
+    ) {
+        let Pi05Description { architecture, action, action_dim, relative, .. } = &self.description;
         let chunks = actions.chunks_exact(architecture.horizon * architecture.action_width);
-        for (chunk, answer) in chunks.zip(answer) {
+        for (idx, (chunk, answer)) in chunks.zip(answer).enumerate() {
+            let origin = if relative.is_empty() { Vec::new() } else { self.description.state_of(state(idx)) };
             let rows = answer.reset(architecture.horizon, *action_dim).chunks_exact_mut(*action_dim);
             for (row, padded) in rows.zip(chunk.chunks_exact(architecture.action_width)) {
                 row.copy_from_slice(&padded[..*action_dim]);
                 action.restore(row);
+                for ((x, origin), _) in row.iter_mut().zip(&origin).zip(relative).filter(|(_, it)| **it) {
+                    *x += origin;
+                }
             }
         }
     }
 
     /// Returns the tokens of the prompt for an instruction and the robot's state.
     fn prompt(&self, instruction: &str, state: &[f32]) -> Result<Vec<u32>, PolicyError> {
-        let Pi05Description { mapping, state: scaling, prompt_state, max_state_dim, .. } = &self.description;
-        let mut own: Vec<f32> = mapping.state.iter().flat_map(|part| &state[part.clone()]).copied().collect();
+        let Pi05Description { state: scaling, prompt_state, max_state_dim, .. } = &self.description;
+        let mut own = self.description.state_of(state);
         scaling.normalise(&mut own);
         if *prompt_state == PromptState::Padded {
             own.resize(*max_state_dim, 0.0);

@@ -82,11 +82,12 @@ impl DeviceNetwork for ActDeviceNetwork {
         batches.collect()
     }
 
-    fn collect(
+    fn collect<'a>(
         &mut self,
         gpu: &GpuDevice,
         batch: BatchInFlight,
         n_rows: &dyn Fn(usize, usize) -> usize,
+        _state: &dyn Fn(usize) -> &'a [f32],
         answer: &mut [ActionChunk],
     ) -> Result<(), GpuError> {
         let action_dim = self.model.architecture.action_dim;

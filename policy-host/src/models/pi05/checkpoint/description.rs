@@ -28,6 +28,9 @@ pub struct Pi05Description {
     pub action: Scaling,
     /// Number of entries of the robot's action.
     pub action_dim: usize,
+    /// Marks of the entries of an action that are relative to those of the network's state with the same
+    /// index, or an empty vector if none is.
+    pub relative: Vec<bool>,
     /// State numbers in the prompt.
     pub prompt_state: PromptState,
     /// Value of the letterbox padding of images that are not square.
@@ -57,6 +60,11 @@ pub(crate) struct Folder<'a> {
 }
 
 impl Pi05Description {
+    /// Returns the network's part of a robot's state vector.
+    pub(crate) fn state_of(&self, state: &[f32]) -> Vec<f32> {
+        self.mapping.state.iter().flat_map(|part| &state[part.clone()]).copied().collect()
+    }
+
     /// Returns the number of state numbers in a prompt.
     #[must_use]
     pub fn n_prompt_numbers(&self) -> usize {

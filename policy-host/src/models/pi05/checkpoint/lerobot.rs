@@ -32,6 +32,9 @@ const SINCE_0_5: &str = "cudnn_deterministic";
 const PALIGEMMA: &str = "google/paligemma-3b-pt-224";
 /// Name of the state feature.
 const STATE: &str = "observation.state";
+/// Note on relative actions, with which LeRobot does otherwise.
+const RELATIVE_NOTE: &str = "relative actions are added to the state of their query, as in training; lerobot-eval adds them to \
+                             the state of the control step in which they are executed";
 /// Options of real-time chunking, which have no influence while it is switched off.
 const RTC_OPTIONS: [&str; 5] =
     ["prefix_attention_schedule", "max_guidance_weight", "execution_horizon", "debug", "debug_maxlen"];
@@ -82,6 +85,7 @@ pub(crate) struct Pi05Config {
     pub(crate) tokenizer_max_length: usize,
     /// `true` if the configuration has `use_relative_actions`, as since LeRobot 0.5.1.
     has_relative_actions: bool,
+    use_relative_actions: bool,
 }
 
 impl Pi05Config {
@@ -93,9 +97,8 @@ impl Pi05Config {
     ) -> Result<Self, CheckpointError> {
         read_base(settings, notes)?;
         settings.discard(&WITHOUT_INFLUENCE);
-        let otherwise = "false; serve the checkpoint with `python -m hypogeum.lerobot`";
         let has_relative_actions = settings.has("use_relative_actions");
-        settings.refuse_switch("use_relative_actions", otherwise)?;
+        let use_relative_actions = settings.switch("use_relative_actions")?.unwrap_or(false);
         settings.refuse_switch("use_visual_memory", "false: a memory of earlier images is not supported")?;
         settings.refuse_switch(
             "use_proprioceptive_memory",
@@ -129,6 +132,7 @@ impl Pi05Config {
             empty_cameras: settings.take_or("empty_cameras", 0)?,
             tokenizer_max_length: settings.take_or("tokenizer_max_length", 200)?,
             has_relative_actions,
+            use_relative_actions,
         };
         let counts = [
             ("chunk_size", config.chunk.horizon, MAX_ROWS),
@@ -194,6 +198,11 @@ impl Folder<'_> {
         let Some((state, state_dim)) = state.map(|state| (state.name.clone(), state.shape[0])) else {
             return Err(self.value("input_features", "no state", "a feature of type STATE"));
         };
+        let relative =
+            processors.relative_entries(self.folder, config.use_relative_actions, action_dim, state_dim)?;
+        if !relative.is_empty() {
+            notes.push(RELATIVE_NOTE.to_owned());
+        }
         let prompt_state = self.prompt_state(config.has_relative_actions, &mut notes)?;
         let inputs = processors.inputs;
         let missing = |file| Normaliser::missing_step(self.folder, file, &config.modes);
@@ -219,6 +228,7 @@ impl Folder<'_> {
             state: inputs.scaling(&state, FeatureKind::State, state_dim)?,
             action: outputs.scaling(ACTION, FeatureKind::Action, action_dim)?,
             action_dim,
+            relative,
             prompt_state,
             padding_value: match prompt_state {
                 PromptState::Unpadded => BLACK,

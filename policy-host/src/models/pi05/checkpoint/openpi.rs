@@ -116,6 +116,7 @@ impl Folder<'_> {
             state: state.scaling(state_dim),
             action: action.scaling(action_dim),
             action_dim,
+            relative: Vec::new(),
             prompt_state: self.sidecar.prompt_state.unwrap_or_default(),
             padding_value: BLACK,
             max_state_dim: MAX_STATE_DIM,

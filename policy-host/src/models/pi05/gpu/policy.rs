@@ -56,14 +56,15 @@ impl DeviceNetwork for Pi05Network<GpuPi05Network> {
         batches.collect()
     }
 
-    fn collect(
+    fn collect<'a>(
         &mut self,
         _gpu: &GpuDevice,
         batch: BatchInFlight,
         _n_rows: &dyn Fn(usize, usize) -> usize,
+        state: &dyn Fn(usize) -> &'a [f32],
         answer: &mut [ActionChunk],
     ) -> Result<(), GpuError> {
-        self.model.collect(batch, |actions| self.processor.write_chunks(actions, answer))
+        self.model.collect(batch, |actions| self.processor.write_chunks(actions, state, answer))
     }
 
     fn flop_per_query(&self) -> u64 {
