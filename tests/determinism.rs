@@ -62,7 +62,12 @@ fn pi05_rows_are_independent_of_envs_and_threads() {
         args.extend(["--tasks", "RaiseCube", "--perturbations", "None,Language-Random", "--episodes", "4"]);
         args.extend(["--db", db]);
         args.extend(extra);
-        let _ = run(dir.path(), &args).expect_code(0);
+        let done = run(dir.path(), &args).expect_code(0);
+        #[cfg(target_arch = "x86_64")]
+        assert_eq!(
+            done.stderr.contains("policy `b`: 8-bit inference is slower"),
+            !std::arch::is_x86_feature_detected!("avx512vnni"),
+        );
         rows(&dir.path().join(db))
     };
     let alone = with("1.db", &["--envs", "1"]);

@@ -34,6 +34,11 @@ impl Machine {
             os: format!("{} {} {}", part(name.sysname()), part(name.release()), part(name.machine())),
         }
     }
+
+    /// Returns `true` if 8-bit inference is faster than f32.
+    pub(crate) fn is_fast_in_int8(&self) -> bool {
+        self.vector_extensions.contains(&"avx512vnni")
+    }
 }
 
 impl fmt::Display for Machine {

@@ -5,6 +5,8 @@ use std::time::Instant;
 
 use anyhow::Context;
 use clap::Args;
+use policy_host::PolicySpec;
+use policy_host::nn::Precision;
 use run_config::{Protocol, trace};
 use serde_json::{Value, json};
 
@@ -23,7 +25,7 @@ use crate::run::recorder::Recorder;
 use crate::run::sharding::ShardArgs;
 use crate::run::stopping::{SequentialCell, Stopping};
 use crate::run::trace_file::TraceFile;
-use crate::selection::policy::Identity;
+use crate::selection::policy::{Identity, NamedPolicy};
 use crate::store::results::{Manifest, Results};
 use crate::store::shards::ShardTask;
 use crate::study::machine::{Cores, Machine};
@@ -65,7 +67,7 @@ pub(crate) fn run(args: &RunArgs) -> Result<ExitStatus, Failure> {
     let device = find_device(&plan.policies, &mut plan.config)?;
     let identities = resolve(&mut plan, device.as_deref())?;
     let manifest = Manifest::new(&plan, identities.clone());
-    print_notes(&manifest);
+    print_notes(&plan, &manifest);
     match args.sharding.enter(&mut plan, &manifest)? {
         None => evaluate(args, &plan, &manifest, &identities, None),
         Some((task, part)) => {
@@ -121,12 +123,20 @@ fn evaluate(
     Ok(status)
 }
 
-fn print_notes(manifest: &Manifest) {
+fn print_notes(plan: &RunPlan, manifest: &Manifest) {
     if manifest.options.protocol != Protocol::default() {
         print_message(&manifest.options.protocol.to_string());
     }
     for (name, identity) in &manifest.policies {
         identity.notes.iter().for_each(|note| print_message(&format!("policy `{name}`: {note}")));
+    }
+    for NamedPolicy { name, spec } in &plan.policies {
+        let is_int8 = matches!(spec, PolicySpec::Network(_, source) if source.precision == Precision::Int8);
+        if is_int8 && !Machine::detect().is_fast_in_int8() {
+            print_message(&format!(
+                "policy `{name}`: 8-bit inference is slower than f32 on this processor, which lacks AVX-512 VNNI"
+            ));
+        }
     }
 }
 

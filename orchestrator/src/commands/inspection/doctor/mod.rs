@@ -157,7 +157,7 @@ fn cpu() -> Check {
         let advice = "results are the same, but rendering and inference use portable code, which is several times slower";
         return Check::new(NAME, CheckStatus::Warning, found, advice);
     }
-    if !features.contains(&"avx512vnni") {
+    if !machine.is_fast_in_int8() {
         let advice = "act-int8 is about twice as fast as act only with AVX-512 VNNI";
         return Check::new(NAME, CheckStatus::Ok, found, advice);
     }
