@@ -7,15 +7,18 @@
 
 The network is LeRobot's own π0.5 with small widths: a SigLIP vision tower, a Gemma that reads images and prompt, and
 an action expert that attends to it. `flow_loss` computes the loss of LeRobot's forward pass, but draws several noises
-per observation and reads images and prompt only once for all of them. Four things help a small network on few data:
+per observation and reads images and prompt only once for all of them. Six things help a small network on few data:
 
 - *Auxiliary prediction.* From the prompt's last token, a linear head predicts the action chunk and later states. It
   shapes the prefix, as the discrete action tokens do in π0.5's own training, and is not part of the checkpoint.
+- *Relative actions.* Joint positions to reach are relative to those of the observation, as in openpi.
 - *Numbers that start as a curve.* The embeddings of the state numbers 0 to 255 are smooth in the number at first.
 - *Paraphrases.* Instructions are drawn from the task's own sentence and three quarters of its paraphrases. The last
   quarter is held out.
 - *Foreign instructions.* A fraction of the examples shows a scene with the instruction of a task that cannot be done
   in it. Their target is to hold still. These examples are not demonstrations: they make the policy read.
+- *Muon.* It updates the matrices of all layers, and AdamW the rest. In the same time, a third as many steps, of twice
+  as many observations, bring the loss as far as AdamW alone.
 
 Needs Python 3.12 and LeRobot 0.6 (`pip install './python[pi]' 'lerobot>=0.6' pyarrow`). After an interruption, the same
 command resumes from the last checkpoint. The output folder is a LeRobot checkpoint of the averaged weights in bfloat16,
@@ -25,7 +28,6 @@ with its tokenizer; its sub-folder `training` holds what only training needs: im
 import argparse
 import io
 import json
-import math
 import re
 import subprocess
 import sys
@@ -45,20 +47,18 @@ with explained(INSTALL):
     from torch import nn
 
     from hypogeum.demonstrations import ACTION, IMAGES, STATE, TrainingFrames, prefetched
-    from hypogeum.pi05 import UNUSED, Widths, narrow, processors_of
+    from hypogeum.muon import Muon
+    from hypogeum.pi05 import UNUSED, Widths, processors_of
+    from hypogeum.pi05_training import N_BINS, flow_loss, random_policy, split, used
     from hypogeum.robot import state_slice
     from hypogeum.tokenizer import Tokenizer
     from hypogeum.training import CheckpointEvaluation, Training, add_arguments, load_weights
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.pi05.configuration_pi05 import PI05Config
-    from lerobot.policies.pi05.modeling_pi05 import PI05Policy
-    from transformers.models.gemma.modeling_gemma import apply_rotary_pos_emb
 
 PARAPHRASES = Path(__file__).parent.parent / "sim/src/tasks/paraphrases"
 # LeRobot's forward pass requires eight query heads.
 N_HEADS = 8
-PATCH = 14
-N_BINS = 256
 BOS = 2
 # Number of tokens after which a prompt is cut off, and to which prompts are padded in training.
 MAX_TOKENS, PADDED_TOKENS = 96, 48
@@ -66,10 +66,19 @@ MAX_TOKENS, PADDED_TOKENS = 96, 48
 CAMERAS = {
     "single": {"external1": "external1_camera", "hand": "hand_camera"},
     "bimanual": {
-        "external2": "external2_camera", "panda1_hand": "panda1_hand_camera", "panda2_hand": "panda2_hand_camera"
+        "external2": "external2_camera",
+        "panda1_hand": "panda1_hand_camera",
+        "panda2_hand": "panda2_hand_camera",
     },
 }
-STATE_PARTS = {"single": ["qpos", "tcp_pose"], "bimanual": ["qpos"]}
+# The first numbers of the state correspond to those of an action that sets joint positions: arm by arm, seven
+# joints and a finger. In the state vector, two arms are interleaved, and the fingers come last.
+STATE_PARTS = {
+    "single": ["qpos", "tcp_pose"],
+    "bimanual": [f"qpos[{joint}:{joint + 1}]" for arm in range(2) for joint in range(arm, 16, 2)] + ["qpos[16:18]"],
+}
+# Part of the names of those entries of an action that are never relative to the state.
+GRIPPER = "gripper"
 # Instructions that another task's scene permits, so that they are never foreign in it.
 POSSIBLE = {"StackCube": {"RaiseCube"}, "PlaceCubeInDrawer": {"OpenDrawer"}}
 # Number of frames at an episode's start from which half of the foreign examples are drawn.
@@ -79,9 +88,12 @@ LATER = (15, 40, 10_000)
 AUXILIARY_WEIGHT = 0.5
 # Lower bound on the width of a range to which actions are scaled.
 MIN_RANGE = 0.02
-# Upper bound on a scaled action entry.
+# Approximate number of rows of actions from which their range is taken.
+N_ROWS = 100_000
+# Upper bound on a scaled action entry, for all but the rarest rows.
 MAX_SCALED = 3.0
 WARM_UP_STEPS = 200
+WEIGHT_DECAY = 1e-2
 # Fraction of all steps over which the learning rate decays to zero.
 COOL_DOWN = 0.3
 # Arguments that must not change when training resumes.
@@ -96,6 +108,7 @@ def arguments():
     add_arguments(parser, steps=10_000, batch_size=32, lr=6e-4, frame_stride=3)
     parser.add_argument("--binary", required=True, metavar="HYPOGEUM", help="binary that lists and evaluates tasks")
     parser.add_argument("--tasks", help="comma-separated tasks with optional weights, as in RaiseCube=2,OpenDrawer")
+    parser.add_argument("--parts", type=int, default=1, help="parts of a batch to compute one after the other")
     parser.add_argument("--draws", type=int, default=4, help="noises per observation")
     parser.add_argument("--foreign", type=float, default=0.15, help="fraction of examples with a foreign instruction")
     parser.add_argument("--side", type=int, default=84, help="side of the images, a multiple of 14")
@@ -187,6 +200,9 @@ class Examples(TrainingFrames):
             processes=args.threads,
         )  # fmt: skip
         self.weights = {task: weights.get(task, 1.0) for task in self.tasks}
+        info = json.loads((args.dataset / "meta/info.json").read_text())
+        self.action_names = info["features"][ACTION]["names"]
+        self.is_relative = self.settings["control_mode"].endswith("joint_pos")
         self.select_states()
         self.chunk = args.chunk
         # Indices into the observed frames, by task: all, and those at the start of an episode.
@@ -201,6 +217,7 @@ class Examples(TrainingFrames):
         parts = [state_slice(self.morphology, part) for part in STATE_PARTS[self.morphology]]
         self.states = torch.cat([self.vectors[STATE][:, part] for part in parts], dim=1)
         self.actions = self.vectors[ACTION]
+        self.is_gripper = torch.tensor([GRIPPER in name for name in self.action_names], device=self.actions.device)
 
     def place(self, device):
         """Move everything to a device. Return whether the images are there, as bytes, because they fit."""
@@ -213,24 +230,30 @@ class Examples(TrainingFrames):
         low, high = self.states.amin(0), self.states.amax(0)
         margin = 0.03 * (high - low) + 1e-3
         stats = {STATE: {"q01": low - margin, "q99": high + margin}}
-        q01, q99 = (torch.quantile(self.actions[:: max(1, self.n_frames // 100_000)], q, dim=0) for q in (0.01, 0.99))
+        step = max(1, self.n_frames * self.chunk // N_ROWS)
+        frames = torch.arange(0, self.n_frames, step, device=self.actions.device)
+        actions = self.chunks(frames).flatten(0, 1)
+        q01, q99 = (torch.quantile(actions, q, dim=0) for q in (0.01, 0.99))
         # Rare large rotations would otherwise dominate the squared error.
         centre, half = (q01 + q99) / 2, ((q99 - q01) / 2).clamp_min(MIN_RANGE / 2)
-        half = torch.maximum(half, (self.actions - centre).abs().amax(0) / MAX_SCALED)
-        return stats | {ACTION: {"q01": centre - half, "q99": centre + half}}
+        half = torch.maximum(half, (actions - centre).abs().amax(0) / MAX_SCALED)
+        stats[ACTION] = {"q01": centre - half, "q99": centre + half}
+        return {name: {q: bound.cpu() for q, bound in bounds.items()} for name, bounds in stats.items()}
+
+    def chunks(self, frames):
+        """Return the chunks of actions from frames on, `[n, chunk, action_dim] f32`; positions relative to the state.
+
+        After the end of an episode, its last action is repeated.
+        """
+        last = self.ends[frames][:, None] - 1
+        rows = self.actions[torch.minimum(frames[:, None] + torch.arange(self.chunk, device=last.device), last)]
+        if self.is_relative:
+            rows = torch.where(self.is_gripper, rows, rows - self.states[frames][:, None, : rows.shape[2]])
+        return rows
 
     def hold_still(self, frames):
-        """Return the actions that keep the robot where it is in these frames, `[n, action_dim] f32`."""
-        rows = self.actions[frames].clone()
-        if self.settings["control_mode"].endswith("joint_pos"):
-            positions, n_arms = self.states[frames], 2 if self.morphology == "bimanual" else 1
-            per_arm = rows.shape[1] // n_arms
-            for arm in range(n_arms):
-                # `qpos` of two arms is interleaved; the last two of an arm's nine positions are the fingers'.
-                rows[:, arm * per_arm : arm * per_arm + 7] = positions[:, arm : 7 * n_arms : n_arms]
-        else:
-            rows[:, :6] = 0
-        return rows
+        """Return the chunks that keep the robot where it is in these frames, `[n, chunk, action_dim] f32`."""
+        return (self.actions[frames] * self.is_gripper)[:, None].expand(-1, self.chunk, -1)
 
     def batch(self, step, args, instructions):
         """Return the batch of a training step, a function of the arguments alone, with images as bytes."""
@@ -251,14 +274,14 @@ class Examples(TrainingFrames):
         device = self.states.device
         frames = self.observed[torch.as_tensor(np.array(observed), device=device)]
         last = self.ends[frames][:, None] - 1
-        actions = self.actions[torch.minimum(frames[:, None] + torch.arange(self.chunk, device=device), last)]
+        actions = self.chunks(frames)
         later = self.states[torch.minimum(frames[:, None] + torch.tensor(LATER, device=device), last)]
         states, foreign = self.states[frames], torch.from_numpy(foreign).to(device)[:, None, None]
         return {
-            "images": torch.stack(list(self.gather(observed).values())),
+            "images": torch.stack(list(self.gather(observed).values()), dim=1),
             "texts": texts,
             STATE: states,
-            ACTION: torch.where(foreign, self.hold_still(frames)[:, None], actions),
+            ACTION: torch.where(foreign, self.hold_still(frames), actions),
             "later": torch.where(foreign, states[:, None], later),
         }
 
@@ -266,8 +289,9 @@ class Examples(TrainingFrames):
 # Network
 
 
-def make_config(args, cameras, state_dim, action_dim):
+def make_config(args, cameras, state_dim, action_names, is_relative):
     """Return LeRobot's configuration. The action is not padded, so that the expert sees no noise that it ignores."""
+    action_dim = len(action_names)
     images = {name: PolicyFeature(FeatureType.VISUAL, (3, args.side, args.side)) for name in cameras}
     return PI05Config(
         input_features={**images, STATE: PolicyFeature(FeatureType.STATE, (state_dim,))},
@@ -275,6 +299,7 @@ def make_config(args, cameras, state_dim, action_dim):
         image_resolution=(args.side, args.side),
         chunk_size=args.chunk, n_action_steps=min(args.execute, args.chunk), max_state_dim=state_dim,
         max_action_dim=action_dim, tokenizer_max_length=MAX_TOKENS, device="cpu", push_to_hub=False,
+        use_relative_actions=is_relative, relative_exclude_joints=[GRIPPER], action_feature_names=action_names,
     )  # fmt: skip
 
 
@@ -290,43 +315,6 @@ def widths_of(args):
     return Widths(vision, prefix, expert, args.vocabulary)
 
 
-def make_policy(args, config, tokenizer):
-    """Return a randomly initialised `PI05Policy`."""
-    with narrow(widths_of(args)):
-        policy = PI05Policy(config)
-    prefix = policy.model.paligemma_with_expert.paligemma.model
-    with torch.no_grad():
-        for name, parameter in policy.named_parameters():
-            if name.endswith("layernorm.dense.bias") or name.endswith("norm.dense.bias"):
-                # Scale and shift start neutral, gates open.
-                parameter.copy_(torch.tensor([0.0, 0.0, 1.0]).repeat_interleave(len(parameter) // 3))
-        embedding = prefix.language_model.embed_tokens.weight
-        embedding.normal_(std=args.prefix**-0.5)
-        numbers = [tokenizer.encode(f" {n}")[-1] for n in range(N_BINS)]
-        embedding[numbers] = curve(N_BINS, args.prefix) * args.prefix**-0.5
-        positions = prefix.vision_tower.vision_model.embeddings.position_embedding.weight
-        positions.copy_(grid(args.side // PATCH, args.vision) * 0.5)
-    return policy
-
-
-def curve(n, width):
-    """Return `n` points of unit variance on a smooth random curve, `[n, width] f32`."""
-    frequencies = torch.tensor([0.25, 0.5, 1, 2, 4, 8, 16])
-    phases = 2 * math.pi * frequencies * torch.arange(n)[:, None] / n
-    waves = torch.cat([phases.sin(), phases.cos()], dim=1)
-    points = waves @ torch.randn(waves.shape[1], width) * len(frequencies) ** -0.5
-    return points + 0.1 * torch.randn(n, width)
-
-
-def grid(side, width):
-    """Return sines and cosines of a patch's row and column, `[side², width] f32`."""
-    frequencies = math.pi * 2 ** torch.linspace(-1, 2.5, width // 4)
-    place = (torch.arange(side) + 0.5)[:, None] / side * frequencies
-    waves = torch.cat([place.sin(), place.cos()], dim=1)
-    rows, columns = waves[:, None].expand(-1, side, -1), waves[None].expand(side, -1, -1)
-    return torch.cat([rows, columns], dim=2).reshape(side * side, -1)
-
-
 def scaled(values, stats):
     """Scale values to [-1, 1] as LeRobot does by quantiles."""
     return (values - stats["q01"]) / (stats["q99"] - stats["q01"]) * 2 - 1
@@ -338,83 +326,6 @@ def tokenize(tokenizer, texts, states):
     prompts = [prompt(text, row) for text, row in zip(texts, bins)]
     batch = tokenizer(prompts, max_length=PADDED_TOKENS)
     return batch["input_ids"].to(states.device), batch["attention_mask"].bool().to(states.device)
-
-
-def heads(projection, x, head_dim):
-    """Project `[n, length, width]` to heads, `[n, n_heads, length, head_dim]`."""
-    return projection(x).unflatten(-1, (-1, head_dim)).transpose(1, 2)
-
-
-def attend(q, k, v, mask=None):
-    """Attend from all query heads to one key and value head; return `[n, length, n_heads · head_dim]`.
-
-    The heads become one long sequence, because they share keys and values.
-    """
-    n, n_heads, length, head_dim = q.shape
-    out = F.scaled_dot_product_attention(q.reshape(n, 1, n_heads * length, head_dim), k, v, attn_mask=mask)
-    return out.view(n, n_heads, length, head_dim).transpose(1, 2).flatten(2)
-
-
-def flow_loss(network, images, tokens, mask, actions, noise, t):
-    """Compute the flow-matching loss with several draws of noise and time per observation.
-
-    Args:
-        network: LeRobot's `PI05Pytorch`.
-        images: `[n_cameras, n, 3, side, side] f32` in [-1, 1].
-        tokens: `[n, n_tokens] i64`.
-        mask: `[n, n_tokens] bool`, False in padding.
-        actions: Scaled chunks, `[n, chunk, action_dim] f32`.
-        noise: `[n, draws, chunk, action_dim] f32`.
-        t: Times, `[n, draws] f32`, where 1 is noise and 0 is the actions.
-
-    Returns:
-        Squared errors `[n, draws, chunk, action_dim]`, and the normalised last hidden state of the prompt's last token,
-        `[n, width]`.
-    """
-    both = network.paligemma_with_expert
-    gemma, expert = both.paligemma.model.language_model, both.gemma_expert.model
-    n_cameras, n = images.shape[:2]
-    patches = both.embed_image(images.flatten(0, 1)).unflatten(0, (n_cameras, n)).transpose(0, 1).flatten(1, 2)
-    prefix = torch.cat([patches, both.embed_language_tokens(tokens)], dim=1)
-    valid = torch.cat([mask.new_ones(patches.shape[:2]), mask], dim=1)
-    n_valid = valid.sum(1)
-    place = valid.cumsum(1) - 1
-
-    draws = noise.shape[1]
-    noisy = t[..., None, None] * noise + (1 - t[..., None, None]) * actions[:, None]
-    suffix, _, _, condition = network.embed_suffix(noisy.flatten(0, 1), t.flatten())
-
-    cos, sin = gemma.rotary_emb(prefix, place)
-    chunk = actions.shape[1]
-    cos_s, sin_s = gemma.rotary_emb(suffix, n_valid[:, None] + torch.arange(chunk, device=n_valid.device))
-    cos_s, sin_s = (x.repeat_interleave(draws, 0) for x in (cos_s, sin_s))
-    mask_p = valid[:, None, None]
-    mask_s = F.pad(mask_p, (0, chunk), value=True).repeat_interleave(draws, 0)
-    last = n_valid - 1
-
-    for layer_p, layer_s in zip(gemma.layers, expert.layers, strict=True):
-        head_dim, is_last = layer_p.self_attn.head_dim, layer_p is gemma.layers[-1]
-        x, _ = layer_p.input_layernorm(prefix)
-        q, k, v = (heads(getattr(layer_p.self_attn, f"{name}_proj"), x, head_dim) for name in "qkv")
-        q, k = apply_rotary_pos_emb(q, k, cos, sin)
-        y, gate = layer_s.input_layernorm(suffix, condition)
-        q_s, k_s, v_s = (heads(getattr(layer_s.self_attn, f"{name}_proj"), y, head_dim) for name in "qkv")
-        q_s, k_s = apply_rotary_pos_emb(q_s, k_s, cos_s, sin_s)
-        if is_last:
-            # Of the last layer's output, only the last token is read.
-            rows = torch.arange(n, device=last.device)
-            q, prefix = q[rows, :, last][:, :, None], prefix[rows, last][:, None]
-        prefix = prefix + layer_p.self_attn.o_proj(attend(q, k, v, mask_p))
-        prefix = prefix + layer_p.mlp(layer_p.post_attention_layernorm(prefix)[0])
-        keys, values = (
-            torch.cat([a.repeat_interleave(draws, 0), b], dim=2) for a, b in ((k, k_s), (v, v_s))
-        )
-        suffix = suffix + layer_s.self_attn.o_proj(attend(q_s, keys, values, mask_s)) * gate
-        y, gate = layer_s.post_attention_layernorm(suffix, condition)
-        suffix = suffix + layer_s.mlp(y) * gate
-    velocity = network.action_out_proj(expert.norm(suffix, condition)[0])
-    target = noise - actions[:, None]
-    return (velocity.view_as(target) - target).square(), gemma.norm(prefix[:, 0])[0]
 
 
 # Training
@@ -448,14 +359,14 @@ def main():
     folder = args.output / "training"
     folder.mkdir(parents=True, exist_ok=True)
     data = Examples(parse_weights(args.tasks), args, folder)
-    stats = data.stats()
     is_resident = data.place(args.device)
+    stats = data.stats()
     instructions = read_instructions(args.binary, data.morphology)
     model_path = Path(args.init or args.output) / "tokenizer.model"
     model = model_path.read_bytes() if model_path.exists() else train_tokenizer(instructions, args.vocabulary)
     tokenizer = Tokenizer.from_sentencepiece(model)
-    config = make_config(args, list(data.cameras), data.states.shape[1], data.actions.shape[1])
-    policy, averaged = (make_policy(args, config, tokenizer) for _ in range(2))
+    config = make_config(args, list(data.cameras), data.states.shape[1], data.action_names, data.is_relative)
+    policy, averaged = (random_policy(widths_of(args), config, tokenizer) for _ in range(2))
     if args.init:
         load_weights(policy, args.init, optional=UNUSED)
     averaged.load_state_dict(policy.state_dict())
@@ -464,13 +375,15 @@ def main():
     auxiliary = nn.Linear(args.prefix, n_chunk + len(LATER) * data.states.shape[1])
     for network in (policy, averaged, auxiliary):
         network.to(args.device)
-    trained = [p for name, p in policy.named_parameters() if not name.endswith(UNUSED)]
-    parameters = trained + list(auxiliary.parameters())
-    optimiser = torch.optim.AdamW(parameters, lr=args.lr, weight_decay=1e-2, betas=(0.9, 0.95))
-    parts = {"policy": policy, "averaged": averaged, "auxiliary": auxiliary, "optimiser": optimiser}
+    matrices, others = split(policy, auxiliary)
+    optimisers = {
+        "muon": Muon(matrices, lr=args.lr, weight_decay=WEIGHT_DECAY),
+        "adamw": torch.optim.AdamW(others, lr=args.lr, weight_decay=WEIGHT_DECAY, betas=(0.9, 0.95)),
+    }
+    parts = {"policy": policy, "averaged": averaged, "auxiliary": auxiliary, **optimisers}
     fixed = {name: getattr(args, name) for name in FIXED} | {"tasks": data.tasks}
     training = Training(args, parts, fixed, losses=["flow", "auxiliary"])
-    n_parameters = sum(parameter.numel() for parameter in trained)
+    n_parameters = sum(parameter.numel() for name, parameter in used(policy))
     print(f"{', '.join(data.tasks)}: {data.n_frames} frames, {n_parameters / 1e6:.2f} M parameters", flush=True)
 
     evaluate = args.evaluate and CheckpointEvaluation(
@@ -489,17 +402,22 @@ def main():
         return batch["images"], tokens, mask, actions, later
 
     def gradients(batch):
-        images, tokens, mask, actions, later = batch
-        noise = torch.randn(args.batch_size, args.draws, *actions.shape[1:], device=args.device)
-        t = policy.model.sample_time(args.batch_size * args.draws, args.device).view(args.batch_size, -1)
+        policy.zero_grad()
+        auxiliary.zero_grad()
+        return sum(map(gradients_of_part, zip(*(tensor.chunk(args.parts) for tensor in batch), strict=True)))
+
+    def gradients_of_part(part):
+        images, tokens, mask, actions, later = part
+        noise = torch.randn(len(actions), args.draws, *actions.shape[1:], device=args.device)
+        t = policy.model.sample_time(len(actions) * args.draws, args.device).view(len(actions), -1)
         with torch.autocast(noise.device.type, torch.bfloat16, enabled=args.precision == "bf16"):
             errors, summary = loss_of(policy.model, images.float() / 127.5 - 1, tokens, mask, actions, noise, t)
             predicted = auxiliary(summary)
         targets = torch.cat([actions.flatten(1), later.flatten(1)], dim=1)
-        flow, guess = errors.mean(), F.smooth_l1_loss(predicted.float(), targets, beta=0.1)
-        optimiser.zero_grad()
-        (flow + AUXILIARY_WEIGHT * guess).backward()
-        return torch.stack([flow, guess]).detach()
+        losses = torch.stack([errors.mean(), F.smooth_l1_loss(predicted.float(), targets, beta=0.1)])
+        losses *= len(actions) / args.batch_size
+        (losses[0] + AUXILIARY_WEIGHT * losses[1]).backward()
+        return losses.detach()
 
     is_ahead = args.device.startswith("cuda") or not is_resident
     training.run(

@@ -121,7 +121,7 @@ class Training:
 
     Args:
         args: Command line arguments of the script.
-        parts: What a step changes, by name: `policy`, `averaged`, `optimiser`, and others with a `state_dict`.
+        parts: What a step changes, by name: `policy`, `averaged`, the optimisers, and others with a `state_dict`.
         fixed: {name: value} of what must be the same when training resumes.
         losses: Names of the losses.
 
@@ -165,19 +165,22 @@ class Training:
         """
         import torch
 
-        args, optimiser = self.args, self.parts["optimiser"]
-        parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
+        args = self.args
+        optimisers = [part for part in self.parts.values() if isinstance(part, torch.optim.Optimizer)]
+        groups = [group for optimiser in optimisers for group in optimiser.param_groups]
+        parameters = [parameter for group in groups for parameter in group["params"]]
         start = time.monotonic()
         seconds = args.max_minutes and args.max_minutes * 60 - (start - (started or start)) - SAVING_S
         schedule = Schedule(args.lr, args.steps, warm_up=warm_up, cool_down=cool_down, seconds=seconds)
         steps, unread, since_saved = range(self.first, args.steps), [], []
         for step, batch in zip(steps, batches(steps)):
-            for group in optimiser.param_groups:
+            for group in groups:
                 group["lr"] = schedule.rate_at(step, schedule.progress(step))
             torch.manual_seed(args.seed + step)
             unread.append(gradients(batch))
             torch.nn.utils.clip_grad_norm_(parameters, max_norm)
-            optimiser.step()
+            for optimiser in optimisers:
+                optimiser.step()
             update_average(self.parts["averaged"], self.parts["policy"], step, args.ema)
             done = step + 1
             is_last = schedule.progress(done) >= 1

@@ -47,8 +47,10 @@ def test_state_numbers_are_one_token_each(script, tokenizer):
 
 def test_loss_equals_lerobots(script, tokenizer):
     torch.manual_seed(0)
-    config = script.make_config(ARGS, ["observation.images.a", "observation.images.b"], 3, 4)
-    network = script.make_policy(ARGS, config, tokenizer).model
+    config = script.make_config(
+        ARGS, ["observation.images.a", "observation.images.b"], 3, ["x", "y", "z", "gripper"], False
+    )
+    network = script.random_policy(script.widths_of(ARGS), config, tokenizer).model
     with torch.no_grad():
         for parameter in network.parameters():
             parameter.add_(0.1 * torch.randn_like(parameter))
@@ -60,7 +62,7 @@ def test_loss_equals_lerobots(script, tokenizer):
     ours, _ = script.flow_loss(network, images, tokens, mask, actions, noise, t)
     present = [torch.ones(2, dtype=torch.bool)] * 2
     for draw in range(3):
-        theirs = network(list(images), present, tokens, mask, actions, noise[:, draw], t[:, draw])
+        theirs = network(list(images.transpose(0, 1)), present, tokens, mask, actions, noise[:, draw], t[:, draw])
         torch.testing.assert_close(ours[:, draw], theirs, rtol=1e-4, atol=1e-4)
 
 
