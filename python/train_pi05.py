@@ -11,14 +11,14 @@ per observation and reads images and prompt only once for all of them. Six thing
 
 - *Auxiliary prediction.* From the prompt's last token, a linear head predicts the action chunk and later states. It
   shapes the prefix, as the discrete action tokens do in π0.5's own training, and is not part of the checkpoint.
-- *Relative actions.* Joint positions to reach are relative to those of the observation, as in openpi.
+- *Relative actions.* Target joint positions are offsets from the observed ones, as openpi's delta actions are.
 - *Numbers that start as a curve.* The embeddings of the state numbers 0 to 255 are smooth in the number at first.
 - *Paraphrases.* Instructions are drawn from the task's own sentence and three quarters of its paraphrases. The last
   quarter is held out.
 - *Foreign instructions.* A fraction of the examples shows a scene with the instruction of a task that cannot be done
   in it. Their target is to hold still. These examples are not demonstrations: they make the policy read.
-- *Muon.* It updates the matrices of all layers, and AdamW the rest. In the same time, a third as many steps, of twice
-  as many observations, bring the loss as far as AdamW alone.
+- *Muon.* It updates the matrices of all layers, and AdamW the rest. In the same nine minutes, 196 of its steps with 32
+  observations lowered the loss slightly more than 559 steps of AdamW alone with 16.
 
 Needs Python 3.12 and LeRobot 0.6 (`pip install './python[pi]' 'lerobot>=0.6' pyarrow`). After an interruption, the same
 command resumes from the last checkpoint. The output folder is a LeRobot checkpoint of the averaged weights in bfloat16,
@@ -202,7 +202,12 @@ class Examples(TrainingFrames):
         self.weights = {task: weights.get(task, 1.0) for task in self.tasks}
         info = json.loads((args.dataset / "meta/info.json").read_text())
         self.action_names = info["features"][ACTION]["names"]
-        self.is_relative = self.settings["control_mode"].endswith("joint_pos")
+        mode = self.settings["control_mode"]
+        if mode == "pd_ee_pose":
+            sys.exit(
+                f"{args.dataset} was recorded with {mode}: expected pd_ee_delta_pose or pd_joint_pos; record it again"
+            )
+        self.is_relative = mode == "pd_joint_pos"
         self.select_states()
         self.chunk = args.chunk
         # Indices into the observed frames, by task: all, and those at the start of an episode.

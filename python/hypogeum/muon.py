@@ -1,7 +1,7 @@
 """Muon, an optimiser for matrices.
 
-The step of a matrix is its averaged gradient with all singular values moved close to one, so that it changes all
-directions alike (Jordan et al. 2024, <https://kellerjordan.github.io/posts/muon/>). It is scaled to the size of a
+The step of a matrix is its averaged gradient with all singular values moved close to one, so that no direction
+dominates (Jordan et al. 2024, <https://kellerjordan.github.io/posts/muon/>). It is scaled to the size of a
 step of AdamW (Liu et al. 2025, arXiv 2502.16982), so that both can share a learning rate.
 
 `torch.optim.Muon` does the same in bfloat16, which takes 20 times as long as single precision on a CPU without
@@ -36,7 +36,9 @@ class Muon(torch.optim.Optimizer):
         for group in self.param_groups:
             for matrix in (matrix for matrix in group["params"] if matrix.grad is not None):
                 state = self.state[matrix]
-                average = state.setdefault("average", torch.zeros_like(matrix))
+                if not state:
+                    state["average"] = torch.zeros_like(matrix)
+                average = state["average"]
                 average.lerp_(matrix.grad, 1 - group["momentum"])
                 update = orthogonal(matrix.grad.lerp(average, group["momentum"]))
                 matrix.mul_(1 - group["lr"] * group["weight_decay"])

@@ -66,6 +66,32 @@ def test_loss_equals_lerobots(script, tokenizer):
         torch.testing.assert_close(ours[:, draw], theirs, rtol=1e-4, atol=1e-4)
 
 
+def test_relative_chunks_become_the_demonstrated_positions(script, tokenizer):
+    torch.manual_seed(0)
+    n, width, joints, gripper = 6, 64, list(range(7)) + list(range(8, 15)), [7, 15]
+    data = object.__new__(script.Examples)
+    data.morphology, data.chunk, data.is_relative = "bimanual", ARGS.chunk, True
+    data.action_names = [f"arm{arm}.{name}" for arm in (1, 2) for name in (*(f"joint{j}" for j in range(7)), "gripper")]
+    data.vectors = {script.STATE: torch.randn(n, width), script.ACTION: torch.randn(n, len(data.action_names))}
+    data.n_frames, data.ends = n, torch.full((n,), n)
+    data.select_states()
+    qpos = data.vectors[script.STATE][:, :18]
+    observed = torch.cat([qpos[:, 0:14:2], qpos[:, 1:14:2]], dim=1)
+
+    config = script.make_config(ARGS, ["observation.images.a"], data.states.shape[1], data.action_names, True)
+    stats = data.stats()
+    preprocess, postprocess = script.processors_of(config, stats, tokenizer)
+    frame = torch.tensor([2])
+    preprocess({script.STATE: data.states[2], "task": "lift the cube"})
+    restored = postprocess(script.scaled(data.chunks(frame), stats[script.ACTION]))[0]
+    expected = data.vectors[script.ACTION][[2, 3, 4, 5, 5]]
+    torch.testing.assert_close(restored, expected, rtol=1e-4, atol=1e-4)
+
+    held = postprocess(script.scaled(data.hold_still(frame), stats[script.ACTION]))[0]
+    torch.testing.assert_close(held[:, joints], observed[[2] * 5], rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(held[:, gripper], data.actions[[2] * 5][:, gripper], rtol=1e-4, atol=1e-4)
+
+
 def command(demos, output, *options):
     return [sys.executable, SCRIPT, demos, "-o", output, "--binary", HYPOGEUM, *SMALL, *options]
 

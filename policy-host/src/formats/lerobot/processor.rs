@@ -420,3 +420,28 @@ fn expect_task(config: &mut Settings) -> Result<(), CheckpointError> {
         _ => Ok(()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn narrow_state_cannot_carry_relative_actions() {
+        let step = RelativeActions { is_enabled: true, exclude: vec!["gripper".to_owned()], names: None };
+        let processors = Processors {
+            renames: BTreeMap::new(),
+            inputs: None,
+            outputs: None,
+            tokenizer: None,
+            max_state_dim: None,
+            relative: Some(step),
+            is_absolute: true,
+        };
+        let entries = |state_dim| processors.relative_entries(Path::new("folder"), true, 7, state_dim);
+        assert_eq!(entries(7).unwrap(), [true; 7]);
+        let error = entries(6).unwrap_err().to_string();
+        for words in ["folder/config.json", "observation.state", "6 entries", "at least 7"] {
+            assert!(error.contains(words), "{error}");
+        }
+    }
+}

@@ -40,7 +40,8 @@ fn page() -> String {
          Every setting of ACT's and π0.5's checkpoints in LeRobot {} that changes an action is honoured, refused by an \
          error that names it, or announced in a note at the start of a run, which its results keep. The test \
          `variants` of policy-host tries the values below: those honoured give the actions that LeRobot's own loop \
-         executes within 1e-5. A setting that is unknown is refused.\n\n\
+         executes within 1e-5, except that relative actions are added to the state of their query \
+         ([differences](differences.md#evaluation)). A setting that is unknown is refused.\n\n\
          This page is generated: `{BLESS}=1 cargo test -p policy-host settings_page`.\n",
         variants.lerobot
     );

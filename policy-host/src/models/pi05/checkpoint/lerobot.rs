@@ -32,7 +32,7 @@ const SINCE_0_5: &str = "cudnn_deterministic";
 const PALIGEMMA: &str = "google/paligemma-3b-pt-224";
 /// Name of the state feature.
 const STATE: &str = "observation.state";
-/// Note on relative actions, with which LeRobot does otherwise.
+/// Note about relative actions, which LeRobot executes in another way.
 const RELATIVE_NOTE: &str = "relative actions are added to the state of their query, as in training; lerobot-eval adds them to \
                              the state of the control step in which they are executed";
 /// Options of real-time chunking, which have no influence while it is switched off.

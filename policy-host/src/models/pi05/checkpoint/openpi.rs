@@ -84,6 +84,10 @@ impl Folder<'_> {
         let architecture = self.architecture(horizon)?;
         let side = architecture.image_side();
         let statistics = self.openpi_statistics()?;
+        notes.push(
+            "actions are taken as absolute: openpi's files do not say whether it trained on delta actions"
+                .to_owned(),
+        );
         let (state, action) = (&statistics["state"], &statistics["actions"]);
         let robot = (self.sidecar.morphology, self.sidecar.control_mode);
         let action_dim = match robot {
