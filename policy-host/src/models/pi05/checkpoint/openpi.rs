@@ -71,16 +71,7 @@ impl Folder<'_> {
         settings.discard(&WITHOUT_INFLUENCE);
         settings.finish(ignore, &mut notes)?;
         ignore.finish(self.folder)?;
-        let horizon = action_horizon.or(self.sidecar.chunk_size).ok_or_else(|| CheckpointError::Value {
-            path: self.folder.join(MAPPING_FILE),
-            key: "chunk_size".to_owned(),
-            found: "no value".to_owned(),
-            expected: "the number of rows of an action chunk, which openpi's checkpoint does not contain"
-                .to_owned(),
-        })?;
-        if horizon > MAX_ROWS {
-            return Err(self.value("chunk_size", horizon, format!("1 to {MAX_ROWS}")));
-        }
+        let horizon = self.horizon(action_horizon)?;
         let architecture = self.architecture(horizon)?;
         let side = architecture.image_side();
         let statistics = self.openpi_statistics()?;
@@ -131,6 +122,21 @@ impl Folder<'_> {
             chunk: ChunkSettings { horizon, execute: None, ensemble_decay: None },
             notes,
         })
+    }
+
+    /// Returns the number of rows of an action chunk: `action_horizon`, or the sidecar's `chunk_size`.
+    fn horizon(&self, action_horizon: Option<usize>) -> Result<usize, CheckpointError> {
+        let horizon = action_horizon.or(self.sidecar.chunk_size).ok_or_else(|| CheckpointError::Value {
+            path: self.folder.join(MAPPING_FILE),
+            key: "chunk_size".to_owned(),
+            found: "no value".to_owned(),
+            expected: "the number of rows of an action chunk, which openpi's checkpoint does not contain"
+                .to_owned(),
+        })?;
+        if horizon > MAX_ROWS {
+            return Err(self.value("chunk_size", horizon, format!("1 to {MAX_ROWS}")));
+        }
+        Ok(horizon)
     }
 
     /// Reads the only statistics under `assets`.
