@@ -3,14 +3,19 @@
 
     hypogeum demos -o demos --tasks RaiseCube,OpenDrawer
     train_pi05.py demos/single -o pi05-mine --binary target/release/hypogeum
-    hypogeum run --policy pi05=pi05:pi05-mine --tasks RaiseCube,OpenDrawer --episodes 200 --execute 15
+    hypogeum run --policy pi05=pi05:pi05-mine --tasks RaiseCube,OpenDrawer --episodes 200
 
 The network is LeRobot's own π0.5 with small widths: a SigLIP vision tower, a Gemma that reads images and prompt, and
 an action expert that attends to it. `flow_loss` computes the loss of LeRobot's forward pass, but draws several noises
-per observation and reads images and prompt only once for all of them. Six things help a small network on few data:
+per observation and reads images and prompt only once for all of them. Eight things help a small network on few data:
 
+- *Keyframes.* From the patches, a linear head of each task predicts the states in which a gripper's command changes
+  next, which is where the robot will grasp or release. It makes the vision tower see places, as the pretrained one of
+  π0.5 does already. With `--vision-steps`, the first steps train nothing else and take a third of the time.
 - *Auxiliary prediction.* From the prompt's last token, a linear head predicts the action chunk and later states. It
-  shapes the prefix, as the discrete action tokens do in π0.5's own training, and is not part of the checkpoint.
+  shapes the prefix, as the discrete action tokens do in π0.5's own training. Neither head is part of the checkpoint.
+- *Aligned examples.* A policy that executes whole chunks is queried at multiples of their length. With `--aligned`, a
+  fraction of the examples begins within one `--frame-stride` of such a frame.
 - *Relative actions.* Target joint positions are offsets from the observed ones, as openpi's delta actions are.
 - *Numbers that start as a curve.* The embeddings of the state numbers 0 to 255 are smooth in the number at first.
 - *Paraphrases.* Instructions are drawn from the task's own sentence and three quarters of its paraphrases. The last
@@ -40,16 +45,15 @@ STARTED = time.monotonic()
 INSTALL = "pip install './python[pi]' 'lerobot>=0.6' pyarrow"
 with explained(INSTALL):
     import numpy as np
-    import sentencepiece
     import torch
-    import torch.nn.functional as F
     from safetensors.torch import save_file
-    from torch import nn
 
     from hypogeum.demonstrations import ACTION, IMAGES, STATE, TrainingFrames, prefetched
     from hypogeum.muon import Muon
     from hypogeum.pi05 import UNUSED, Widths, processors_of
-    from hypogeum.pi05_training import N_BINS, flow_loss, random_policy, split, used
+    from hypogeum.pi05_training import (
+        Auxiliary, distance, flow_loss, prompt, random_policy, scaled, see, split, tokenize, train_tokenizer, used,
+    )  # fmt: skip
     from hypogeum.robot import state_slice
     from hypogeum.tokenizer import Tokenizer
     from hypogeum.training import CheckpointEvaluation, Training, add_arguments, load_weights
@@ -59,9 +63,8 @@ with explained(INSTALL):
 PARAPHRASES = Path(__file__).parent.parent / "sim/src/tasks/paraphrases"
 # LeRobot's forward pass requires eight query heads.
 N_HEADS = 8
-BOS = 2
-# Number of tokens after which a prompt is cut off, and to which prompts are padded in training.
-MAX_TOKENS, PADDED_TOKENS = 96, 48
+# Number of tokens after which a checkpoint's prompts are cut off.
+MAX_TOKENS = 96
 # Inputs per morphology: cameras and parts of the state.
 CAMERAS = {
     "single": {"external1": "external1_camera", "hand": "hand_camera"},
@@ -72,10 +75,10 @@ CAMERAS = {
     },
 }
 # The first numbers of the state correspond to those of an action that sets joint positions: arm by arm, seven
-# joints and a finger. In the state vector, two arms are interleaved, and the fingers come last.
+# joints and a finger. In the state vector, two arms are interleaved.
 STATE_PARTS = {
     "single": ["qpos", "tcp_pose"],
-    "bimanual": [f"qpos[{joint}:{joint + 1}]" for arm in range(2) for joint in range(arm, 16, 2)] + ["qpos[16:18]"],
+    "bimanual": [f"qpos[{joint}:{joint + 1}]" for arm in range(2) for joint in range(arm, 16, 2)],
 }
 # Part of the names of those entries of an action that are never relative to the state.
 GRIPPER = "gripper"
@@ -85,6 +88,8 @@ POSSIBLE = {"StackCube": {"RaiseCube"}, "PlaceCubeInDrawer": {"OpenDrawer"}}
 N_START_FRAMES = 20
 # Frames ahead at which the auxiliary head predicts the state; the last one is the episode's end.
 LATER = (15, 40, 10_000)
+# Number of states that are predicted from the patches.
+N_PLACES = 3
 AUXILIARY_WEIGHT = 0.5
 # Lower bound on the width of a range to which actions are scaled.
 MIN_RANGE = 0.02
@@ -108,8 +113,10 @@ def arguments():
     add_arguments(parser, steps=10_000, batch_size=32, lr=6e-4, frame_stride=3)
     parser.add_argument("--binary", required=True, metavar="HYPOGEUM", help="binary that lists and evaluates tasks")
     parser.add_argument("--tasks", help="comma-separated tasks with optional weights, as in RaiseCube=2,OpenDrawer")
+    parser.add_argument("--vision-steps", type=int, default=0, help="number of first steps that train only vision")
     parser.add_argument("--parts", type=int, default=1, help="parts of a batch to compute one after the other")
     parser.add_argument("--draws", type=int, default=4, help="noises per observation")
+    parser.add_argument("--aligned", type=float, default=0, help="fraction of examples close to multiples of --chunk")
     parser.add_argument("--foreign", type=float, default=0.15, help="fraction of examples with a foreign instruction")
     parser.add_argument("--side", type=int, default=84, help="side of the images, a multiple of 14")
     parser.add_argument("--vision", type=int, default=128, help="width of the vision tower")
@@ -124,6 +131,7 @@ def arguments():
     parser.add_argument("--head-dim", type=int, default=32)
     parser.add_argument("--vocabulary", type=int, default=1024, help="number of tokens")
     parser.add_argument("--chunk", type=int, default=16, help="rows of an action chunk")
+    parser.add_argument("--denoising-steps", type=int, default=10, help="default of the checkpoint")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument(
         "--precision", choices=["f32", "bf16"], help="precision of the network in training (default: bf16 on a GPU)"
@@ -134,9 +142,6 @@ def arguments():
     args = parser.parse_args()
     args.precision = args.precision or ("bf16" if args.device.startswith("cuda") else "f32")
     return args
-
-
-# Text
 
 
 def read_instructions(binary, morphology):
@@ -152,31 +157,6 @@ def read_instructions(binary, morphology):
             paraphrases = (PARAPHRASES / f"{name}.txt").read_text().splitlines()
             instructions[task["task"]] = [task["instruction"], *paraphrases[: len(paraphrases) * 3 // 4]]
     return instructions
-
-
-def prompt(instruction, bins):
-    """Return LeRobot's prompt for an instruction and the bins of a normalised state."""
-    return f"Task: {instruction}, State: {' '.join(map(str, bins))};\nAction: "
-
-
-def train_tokenizer(instructions, vocabulary):
-    """Return a SentencePiece model with Gemma's conventions, except that each state number is one token."""
-    random = np.random.default_rng(0)
-    sentences = [sentence for texts in instructions.values() for sentence in texts]
-    corpus = [prompt(sentence, random.permutation(N_BINS)) for sentence in sentences]
-    model = io.BytesIO()
-    sentencepiece.SentencePieceTrainer.train(
-        sentence_iterator=iter(corpus), model_writer=model, model_type="bpe", vocab_size=vocabulary,
-        byte_fallback=True, add_dummy_prefix=False, remove_extra_whitespaces=False, split_digits=False,
-        normalization_rule_name="identity", character_coverage=1.0, user_defined_symbols=["\n", ";", ","],
-        num_threads=1, pad_id=0, eos_id=1, bos_id=BOS, unk_id=3, bos_piece="<bos>", eos_piece="<eos>", minloglevel=2,
-        hard_vocab_limit=False, max_sentence_length=100_000,
-    )  # fmt: skip
-    tokenizer = sentencepiece.SentencePieceProcessor(model_proto=model.getvalue())
-    split = [n for n in range(N_BINS) if len(tokenizer.encode(f" {n}")) != 1]
-    if split:
-        sys.exit(f"the tokenizer splits the numbers {split}; increase --vocabulary")
-    return model.getvalue()
 
 
 # Data
@@ -210,12 +190,15 @@ class Examples(TrainingFrames):
         self.is_relative = mode == "pd_joint_pos"
         self.select_states()
         self.chunk = args.chunk
-        # Indices into the observed frames, by task: all, and those at the start of an episode.
+        # Indices into the observed frames, by task: all, those at the start of an episode, and those close to
+        # where a policy that executes whole chunks is queried.
         observed_task, age = self.task_of[self.observed], self.observed - self.starts[self.observed]
         self.by_task = [np.flatnonzero(observed_task == idx) for idx in range(len(self.tasks))]
         self.at_start = [
             np.flatnonzero((observed_task == idx) & (age < N_START_FRAMES)) for idx in range(len(self.tasks))
         ]
+        is_aligned = (age + args.frame_stride) % args.chunk <= 2 * args.frame_stride
+        self.aligned = [np.flatnonzero((observed_task == idx) & is_aligned) for idx in range(len(self.tasks))]
 
     def select_states(self):
         """Take from the vectors what the network reads."""
@@ -223,6 +206,23 @@ class Examples(TrainingFrames):
         self.states = torch.cat([self.vectors[STATE][:, part] for part in parts], dim=1)
         self.actions = self.vectors[ACTION]
         self.is_gripper = torch.tensor([GRIPPER in name for name in self.action_names], device=self.actions.device)
+        self.keyframes = self.find_keyframes()
+
+    def find_keyframes(self):
+        """Return, for each frame, the next one in which a gripper's command changes, or else the episode's last."""
+        grippers = self.actions[:, self.is_gripper]
+        is_open = grippers > (grippers.amax(0) + grippers.amin(0)) / 2
+        last = torch.as_tensor(self.ends, device=is_open.device) - 1
+        frames = torch.arange(len(last), device=last.device)
+        is_keyframe = frames == last
+        is_keyframe[1:] |= (is_open[1:] != is_open[:-1]).any(1) & (last[1:] == last[:-1])
+        found = torch.nonzero(is_keyframe)[:, 0]
+        return found[torch.searchsorted(found, torch.minimum(frames + 1, last))]
+
+    def places(self, frames):
+        """Return the frames whose states the patches should tell: the next two keyframes and the frames themselves."""
+        keyframes = self.keyframes[frames]
+        return torch.stack([keyframes, self.keyframes[keyframes], frames], dim=1)
 
     def place(self, device):
         """Move everything to a device. Return whether the images are there, as bytes, because they fit."""
@@ -231,9 +231,12 @@ class Examples(TrainingFrames):
         return is_resident
 
     def stats(self):
-        """Return the ranges that become [-1, 1]: a little more than all states, and most of the actions."""
+        """Return the ranges that become [-1, 1]: more than all states, and most of the actions.
+
+        A state below its range becomes a negative number, which no prompt in training contains.
+        """
         low, high = self.states.amin(0), self.states.amax(0)
-        margin = 0.03 * (high - low) + 1e-3
+        margin = 0.15 * (high - low) + 1e-3
         stats = {STATE: {"q01": low - margin, "q99": high + margin}}
         step = max(1, self.n_frames * self.chunk // N_ROWS)
         frames = torch.arange(0, self.n_frames, step, device=self.actions.device)
@@ -268,7 +271,8 @@ class Examples(TrainingFrames):
         foreign = random.random(args.batch_size) < args.foreign
         observed, texts = [], []
         for task_idx, is_foreign in zip(tasks, foreign):
-            pool, name = self.by_task[task_idx], self.tasks[task_idx]
+            pools = self.aligned if random.random() < args.aligned else self.by_task
+            pool, name = pools[task_idx], self.tasks[task_idx]
             if is_foreign:
                 if random.random() < 0.5:
                     pool = self.at_start[task_idx]
@@ -288,6 +292,8 @@ class Examples(TrainingFrames):
             STATE: states,
             ACTION: torch.where(foreign, self.hold_still(frames), actions),
             "later": torch.where(foreign, states[:, None], later),
+            "places": self.states[self.places(frames)],
+            "tasks": torch.from_numpy(tasks),
         }
 
 
@@ -304,7 +310,8 @@ def make_config(args, cameras, state_dim, action_names, is_relative):
         image_resolution=(args.side, args.side),
         chunk_size=args.chunk, n_action_steps=min(args.execute, args.chunk), max_state_dim=state_dim,
         max_action_dim=action_dim, tokenizer_max_length=MAX_TOKENS, device="cpu", push_to_hub=False,
-        use_relative_actions=is_relative, relative_exclude_joints=[GRIPPER], action_feature_names=action_names,
+        num_inference_steps=args.denoising_steps, use_relative_actions=is_relative, relative_exclude_joints=[GRIPPER],
+        action_feature_names=action_names,
     )  # fmt: skip
 
 
@@ -318,19 +325,6 @@ def widths_of(args):
     prefix = {"width": args.prefix, "mlp_dim": args.prefix_mlp, **heads}
     expert = {"width": args.expert, "mlp_dim": args.expert_mlp, **heads}
     return Widths(vision, prefix, expert, args.vocabulary)
-
-
-def scaled(values, stats):
-    """Scale values to [-1, 1] as LeRobot does by quantiles."""
-    return (values - stats["q01"]) / (stats["q99"] - stats["q01"]) * 2 - 1
-
-
-def tokenize(tokenizer, texts, states):
-    """Return the tokens of prompts and their mask, `[n, n_tokens]`."""
-    bins = np.digitize(states.cpu().numpy(), np.linspace(-1, 1, N_BINS + 1)[:-1]) - 1
-    prompts = [prompt(text, row) for text, row in zip(texts, bins)]
-    batch = tokenizer(prompts, max_length=PADDED_TOKENS)
-    return batch["input_ids"].to(states.device), batch["attention_mask"].bool().to(states.device)
 
 
 # Training
@@ -376,8 +370,9 @@ def main():
         load_weights(policy, args.init, optional=UNUSED)
     averaged.load_state_dict(policy.state_dict())
     processors = processors_of(config, stats, tokenizer)
-    n_chunk = args.chunk * data.actions.shape[1]
-    auxiliary = nn.Linear(args.prefix, n_chunk + len(LATER) * data.states.shape[1])
+    state_dim, n_patches = data.states.shape[1], len(data.cameras) * (args.side // 14) ** 2
+    n_summary = args.chunk * data.actions.shape[1] + len(LATER) * state_dim
+    auxiliary = Auxiliary(args.prefix, n_summary, len(data.tasks), n_patches, N_PLACES * state_dim)
     for network in (policy, averaged, auxiliary):
         network.to(args.device)
     matrices, others = split(policy, auxiliary)
@@ -387,7 +382,7 @@ def main():
     }
     parts = {"policy": policy, "averaged": averaged, "auxiliary": auxiliary, **optimisers}
     fixed = {name: getattr(args, name) for name in FIXED} | {"tasks": data.tasks}
-    training = Training(args, parts, fixed, losses=["flow", "auxiliary"])
+    training = Training(args, parts, fixed, losses=["places", "flow", "summary"])
     n_parameters = sum(parameter.numel() for name, parameter in used(policy))
     print(f"{', '.join(data.tasks)}: {data.n_frames} frames, {n_parameters / 1e6:.2f} M parameters", flush=True)
 
@@ -396,32 +391,41 @@ def main():
         options=("--threads", str(args.threads)), program=args.binary,
     )  # fmt: skip
     policy.train()
-    loss_of = torch.compile(flow_loss) if args.compile else flow_loss
+    seen, loss_of = (torch.compile(function) if args.compile else function for function in (see, flow_loss))
     state_range, action_range = ({q: x.to(args.device) for q, x in stats[key].items()} for key in (STATE, ACTION))
+
+    prompts = [prompt(text, [0] * state_dim) for texts in instructions.values() for text in texts]
+    length = max(len(tokenizer.encode(text)) for text in prompts)
 
     def batch_of(step):
         batch = data.batch(step, args, instructions)
+        vision = batch["images"], batch["tasks"], scaled(batch["places"], state_range)
+        if step < args.vision_steps:
+            return vision
         states = scaled(batch[STATE], state_range)
-        tokens, mask = tokenize(tokenizer, batch["texts"], states)
-        actions, later = scaled(batch[ACTION], action_range), scaled(batch["later"], state_range)
-        return batch["images"], tokens, mask, actions, later
+        tokens, mask = tokenize(tokenizer, batch["texts"], states, length)
+        return *vision, tokens, mask, scaled(batch[ACTION], action_range), scaled(batch["later"], state_range)
 
     def gradients(batch):
         policy.zero_grad()
         auxiliary.zero_grad()
-        return sum(map(gradients_of_part, zip(*(tensor.chunk(args.parts) for tensor in batch), strict=True)))
+        parts = zip(*(tensor.chunk(args.parts) for tensor in batch), strict=True)
+        return sum(gradients_of_part(*part) for part in parts)
 
-    def gradients_of_part(part):
-        images, tokens, mask, actions, later = part
-        noise = torch.randn(len(actions), args.draws, *actions.shape[1:], device=args.device)
-        t = policy.model.sample_time(len(actions) * args.draws, args.device).view(len(actions), -1)
-        with torch.autocast(noise.device.type, torch.bfloat16, enabled=args.precision == "bf16"):
-            errors, summary = loss_of(policy.model, images.float() / 127.5 - 1, tokens, mask, actions, noise, t)
-            predicted = auxiliary(summary)
-        targets = torch.cat([actions.flatten(1), later.flatten(1)], dim=1)
-        losses = torch.stack([errors.mean(), F.smooth_l1_loss(predicted.float(), targets, beta=0.1)])
-        losses *= len(actions) / args.batch_size
-        (losses[0] + AUXILIARY_WEIGHT * losses[1]).backward()
+    def gradients_of_part(images, tasks, places, *rest):
+        with torch.autocast(places.device.type, torch.bfloat16, enabled=args.precision == "bf16"):
+            patches = seen(policy.model, images.float() / 127.5 - 1)
+            losses = [distance(auxiliary.places(patches, tasks.tolist()), places.flatten(1))]
+            if rest:
+                tokens, mask, actions, later = rest
+                noise = torch.randn(len(actions), args.draws, *actions.shape[1:], device=args.device)
+                t = policy.model.sample_time(len(actions) * args.draws, args.device).view(len(actions), -1)
+                errors, summary = loss_of(policy.model, patches, tokens, mask, actions, noise, t)
+                targets = torch.cat([actions.flatten(1), later.flatten(1)], dim=1)
+                losses += [errors.mean(), distance(auxiliary.summary(summary), targets)]
+        losses = torch.stack(losses) * len(images) / args.batch_size
+        weights = torch.tensor([AUXILIARY_WEIGHT, 1, AUXILIARY_WEIGHT], device=losses.device)
+        (losses * weights[: len(losses)]).sum().backward()
         return losses.detach()
 
     is_ahead = args.device.startswith("cuda") or not is_resident

@@ -1,16 +1,65 @@
-"""What training π0.5 from random weights needs: initial weights, a loss, and which parameters Muon updates."""
+"""What training π0.5 from random weights needs: prompts, initial weights, losses, and the parameters for Muon."""
 
+import io
 import math
+import sys
 
+import numpy as np
+import sentencepiece
 import torch
 import torch.nn.functional as F
 from lerobot.policies.pi05.modeling_pi05 import PI05Policy
+from torch import nn
 from transformers.models.gemma.modeling_gemma import apply_rotary_pos_emb
 
 from .pi05 import UNUSED, narrow
 
 # State numbers in a prompt are bins of an entry's range.
 N_BINS = 256
+BOS = 2
+
+
+def prompt(instruction, bins):
+    """Return LeRobot's prompt for an instruction and the bins of a normalised state."""
+    return f"Task: {instruction}, State: {' '.join(map(str, bins))};\nAction: "
+
+
+def train_tokenizer(instructions, vocabulary):
+    """Return a SentencePiece model with Gemma's conventions, except that each state number is one token."""
+    random = np.random.default_rng(0)
+    sentences = [sentence for texts in instructions.values() for sentence in texts]
+    corpus = [prompt(sentence, random.permutation(N_BINS)) for sentence in sentences]
+    model = io.BytesIO()
+    sentencepiece.SentencePieceTrainer.train(
+        sentence_iterator=iter(corpus), model_writer=model, model_type="bpe", vocab_size=vocabulary,
+        byte_fallback=True, add_dummy_prefix=False, remove_extra_whitespaces=False, split_digits=False,
+        normalization_rule_name="identity", character_coverage=1.0, user_defined_symbols=["\n", ";", ","],
+        num_threads=1, pad_id=0, eos_id=1, bos_id=BOS, unk_id=3, bos_piece="<bos>", eos_piece="<eos>", minloglevel=2,
+        hard_vocab_limit=False, max_sentence_length=100_000,
+    )  # fmt: skip
+    tokenizer = sentencepiece.SentencePieceProcessor(model_proto=model.getvalue())
+    split = [n for n in range(N_BINS) if len(tokenizer.encode(f" {n}")) != 1]
+    if split:
+        sys.exit(f"the tokenizer splits the numbers {split}; increase --vocabulary")
+    return model.getvalue()
+
+
+def scaled(values, stats):
+    """Scale values to [-1, 1] as LeRobot does by quantiles."""
+    return (values - stats["q01"]) / (stats["q99"] - stats["q01"]) * 2 - 1
+
+
+def distance(predicted, targets):
+    """Return a loss that is linear in large errors."""
+    return F.smooth_l1_loss(predicted.float(), targets, beta=0.1)
+
+
+def tokenize(tokenizer, texts, states, length):
+    """Return the tokens of prompts and their mask, `[n, length]`."""
+    bins = np.digitize(states.cpu().numpy(), np.linspace(-1, 1, N_BINS + 1)[:-1]) - 1
+    prompts = [prompt(text, row) for text, row in zip(texts, bins)]
+    batch = tokenizer(prompts, max_length=length)
+    return batch["input_ids"].to(states.device), batch["attention_mask"].bool().to(states.device)
 
 
 def random_policy(widths, config, tokenizer):
@@ -72,12 +121,49 @@ def attend(q, k, v, mask=None):
     return out.view(n, n_heads, length, head_dim).transpose(1, 2).flatten(2)
 
 
-def flow_loss(network, images, tokens, mask, actions, noise, t):
-    """Compute the flow-matching loss with several draws of noise and time per observation.
+class Auxiliary(nn.Module):
+    """Linear heads that shape the network and are not part of its checkpoint.
+
+    `summary` reads the prompt's last token, `[n, width]`. `places` reads the patches with one matrix per task.
+
+    Args:
+        width: Width of the prefix.
+        n_summary: Number of values to predict from the prompt's last token.
+        n_tasks: Number of tasks.
+        n_patches: Number of patches of all cameras.
+        n_places: Number of values to predict from the patches.
+    """
+
+    def __init__(self, width, n_summary, n_tasks, n_patches, n_places):
+        super().__init__()
+        self.summary = nn.Linear(width, n_summary)
+        self.weight = nn.Parameter(torch.zeros(n_tasks, n_patches * width, n_places))
+        self.bias = nn.Parameter(torch.zeros(n_tasks, n_places))
+
+    def places(self, patches, tasks):
+        """Predict from patches `[n, n_patches, width]` and the indices of their tasks, a list; `[n, n_places] f32`."""
+        features = F.layer_norm(patches.float(), patches.shape[-1:]).flatten(1) * self.weight.shape[1] ** -0.5
+        matrices = self.weight.unbind()
+        return torch.stack([row @ matrices[task] for row, task in zip(features, tasks, strict=True)]) + self.bias[tasks]
+
+
+def see(network, images):
+    """Return the patches of all cameras' images, `[n, n_patches, width]`.
 
     Args:
         network: LeRobot's `PI05Pytorch`.
         images: `[n, n_cameras, 3, side, side] f32` in [-1, 1].
+    """
+    patches = network.paligemma_with_expert.embed_image(images.flatten(0, 1))
+    return patches.unflatten(0, images.shape[:2]).flatten(1, 2)
+
+
+def flow_loss(network, patches, tokens, mask, actions, noise, t):
+    """Compute the flow-matching loss with several draws of noise and time per observation.
+
+    Args:
+        network: LeRobot's `PI05Pytorch`.
+        patches: Those of the images, `[n, n_patches, width]`.
         tokens: `[n, n_tokens] i64`.
         mask: `[n, n_tokens] bool`, False in padding.
         actions: Scaled chunks, `[n, chunk, action_dim] f32`.
@@ -90,8 +176,7 @@ def flow_loss(network, images, tokens, mask, actions, noise, t):
     """
     both = network.paligemma_with_expert
     gemma, expert = both.paligemma.model.language_model, both.gemma_expert.model
-    n, n_cameras = images.shape[:2]
-    patches = both.embed_image(images.flatten(0, 1)).unflatten(0, (n, n_cameras)).flatten(1, 2)
+    n = len(patches)
     prefix = torch.cat([patches, both.embed_language_tokens(tokens)], dim=1)
     valid = torch.cat([mask.new_ones(patches.shape[:2]), mask], dim=1)
     n_valid = valid.sum(1)

@@ -123,7 +123,7 @@ class Training:
         args: Command line arguments of the script.
         parts: What a step changes, by name: `policy`, `averaged`, the optimisers, and others with a `state_dict`.
         fixed: {name: value} of what must be the same when training resumes.
-        losses: Names of the losses.
+        losses: Names of the losses; the last ones may be absent from some steps.
 
     Attributes:
         first: Number of steps done before.
@@ -200,7 +200,7 @@ class Training:
                 break
 
     def means(self, losses):
-        """Return the mean of each loss."""
+        """Return the mean of each loss that all of these steps have."""
         return {name: sum(values) / len(values) for name, values in zip(self.losses, zip(*losses))}
 
     def save(self, row, export, evaluate):
@@ -227,9 +227,7 @@ class Training:
 
 def read(losses, done):
     """Return the losses of the last steps as numbers. It waits for the device, so it is not done in every step."""
-    import torch
-
-    numbers = torch.stack(losses).tolist()
+    numbers = [values.tolist() for values in losses]
     for step, values in enumerate(numbers, done - len(losses)):
         if not math.isfinite(sum(values)):
             sys.exit(f"the losses of step {step} are {values}; lower --lr and resume from the last checkpoint")
