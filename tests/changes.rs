@@ -75,7 +75,7 @@ fn restarted_host_refuses_another_checkpoint() {
 
 #[test]
 fn weights_overwritten_in_place_end_the_run() {
-    const PI05: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints/pi05-small/single");
+    const PI05: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints/pi05-all/single");
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().join("pi05");
     let weights = copy_checkpoint(PI05, &folder);
