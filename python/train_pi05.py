@@ -220,7 +220,7 @@ class Examples(TrainingFrames):
         return found[torch.searchsorted(found, torch.minimum(frames + 1, last))]
 
     def places(self, frames):
-        """Return the frames whose states the patches should tell: the next two keyframes and the frames themselves."""
+        """Return the frames whose states are predicted from the patches: the next two keyframes, and themselves."""
         keyframes = self.keyframes[frames]
         return torch.stack([keyframes, self.keyframes[keyframes], frames], dim=1)
 
@@ -233,7 +233,7 @@ class Examples(TrainingFrames):
     def stats(self):
         """Return the ranges that become [-1, 1]: more than all states, and most of the actions.
 
-        A state below its range becomes a negative number, which no prompt in training contains.
+        Without a margin, a state below its range would become a negative number, which no prompt in training contains.
         """
         low, high = self.states.amin(0), self.states.amax(0)
         margin = 0.15 * (high - low) + 1e-3
