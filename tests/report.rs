@@ -55,7 +55,9 @@ fn report_is_complete_and_needs_no_network() {
     let csv = std::fs::read_to_string(out.join("expert.single_arm.csv")).unwrap();
     assert!(csv.lines().count() == 5, "{csv}");
     assert!(csv.contains(",none,RaiseCube-v1,pd_joint_pos,False,4,92,,4,100.00\n"), "{csv}");
-    assert!(out.join("episodes.parquet").metadata().unwrap().len() > 1000);
+    for table in ["episodes.parquet", "cells.parquet"] {
+        assert!(out.join(table).metadata().unwrap().len() > 1000, "{table}");
+    }
 }
 
 /// Replaces the only episode of a results file by copies: 200 per cell, with the cell's success rate in %.

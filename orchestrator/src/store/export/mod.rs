@@ -1,6 +1,7 @@
 //! Results as data for other programs: the original's CSV, Parquet, JSON, and the result files of LeRobot and
 //! vla-eval.
 
+mod cells;
 mod csv;
 mod episodes;
 mod lerobot;
@@ -20,7 +21,7 @@ use crate::study::analysis::{CellSummary, EvaluatedPolicy, Evaluation, Metric};
 pub(crate) enum ExportFormat {
     /// One row per cell, in the columns of the original's result files
     Csv,
-    /// One row per episode
+    /// One table with a row per episode, and one with a row per cell
     Parquet,
     /// One object with all cells
     Json,
@@ -44,21 +45,21 @@ pub(crate) fn export(
         let write = |policy: &EvaluatedPolicy| write_json(folder, &name(&policy.file_name()), &make(policy));
         evaluation.policies.iter().map(write).collect::<anyhow::Result<Vec<PathBuf>>>()
     };
+    let all_cells = || -> Vec<CellSummary> {
+        let of_policy = |policy| CellSummary::of_policy(evaluation, policy, metric, alpha);
+        evaluation.policies.iter().flat_map(of_policy).collect()
+    };
     match format {
         ExportFormat::Csv => csv::write(evaluation, (metric, alpha), folder),
         ExportFormat::Parquet => {
-            let path = folder.path("episodes.parquet")?;
-            episodes::write(evaluation, &path)?;
-            Ok(vec![path])
+            let paths = vec![folder.path("episodes.parquet")?, folder.path("cells.parquet")?];
+            episodes::write(evaluation, &paths[0])?;
+            cells::write(&all_cells(), &paths[1])?;
+            Ok(paths)
         }
         ExportFormat::Json => {
-            let cells: Vec<CellSummary> = evaluation
-                .policies
-                .iter()
-                .flat_map(|policy| CellSummary::of_policy(evaluation, policy, metric, alpha))
-                .collect();
             let manifest = &evaluation.files[0].manifest;
-            let all = serde_json::json!({ "run": manifest, "metric": metric, "cells": cells });
+            let all = serde_json::json!({ "run": manifest, "metric": metric, "cells": all_cells() });
             Ok(vec![write_json(folder, "cells.json", &all)?])
         }
         ExportFormat::Lerobot => per_policy(|policy| format!("{policy}.eval_info.json"), &|policy| {
