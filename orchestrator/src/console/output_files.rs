@@ -113,10 +113,22 @@ impl OutputFolder {
     /// # Errors
     /// Those of [`Self::path`], and if the file cannot be written.
     pub(crate) fn write(&mut self, name: &str, bytes: &[u8]) -> anyhow::Result<PathBuf> {
+        self.write_with(name, |partial| Ok(std::fs::write(partial, bytes)?))
+    }
+
+    /// Writes a file by a function that is given a temporary path.
+    ///
+    /// # Errors
+    /// Those of [`Self::path`] and of the function.
+    pub(crate) fn write_with(
+        &mut self,
+        name: &str,
+        write: impl FnOnce(&Path) -> anyhow::Result<()>,
+    ) -> anyhow::Result<PathBuf> {
         let path = self.path(name)?;
         // No half-written file has the final name, and the next command replaces what a killed one leaves.
         let partial = self.path(&format!("{name}.part"))?;
-        let written = std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, &path));
+        let written = write(&partial).and_then(|()| Ok(std::fs::rename(&partial, &path)?));
         written.with_context(|| format!("failed to write {}", path.display()))?;
         Ok(path)
     }

@@ -41,6 +41,22 @@ pub(crate) enum Cells {
 pub(crate) struct ParquetTable(SerializedFileWriter<File>);
 
 impl ParquetTable {
+    /// Writes a whole file of one row group, with a key-value pair of metadata.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub(crate) fn write(
+        path: &Path,
+        columns: Vec<NamedCells>,
+        metadata: Option<(&str, String)>,
+    ) -> anyhow::Result<()> {
+        let mut table = Self::create(path, &columns, metadata)?;
+        table
+            .push(columns)
+            .and_then(|()| table.finish())
+            .with_context(|| format!("failed to write {}", path.display()))
+    }
+
     /// Creates a file with the schema of the columns `like` and a key-value pair of metadata.
     ///
     /// # Errors

@@ -1,28 +1,12 @@
-//! One row per cell as a Parquet file.
+//! One row per cell, as the columns of a Parquet file.
 
-use std::path::Path;
-
-use crate::store::parquet_table::{Cells, NamedCells, ParquetTable};
+use crate::store::parquet_table::{Cells, NamedCells};
 use crate::store::results::Column;
 use crate::study::analysis::CellSummary;
 
-/// Writes the file under a temporary name first.
-///
-/// # Errors
-/// If it cannot be written.
-pub(crate) fn write(cells: &[CellSummary], path: &Path) -> anyhow::Result<()> {
-    let partial = path.with_extension("partial");
-    let columns = columns(cells);
-    let mut table = ParquetTable::create(&partial, &columns, None)?;
-    table.push(columns)?;
-    table.finish()?;
-    std::fs::rename(&partial, path)?;
-    Ok(())
-}
-
 /// Returns the columns. Rates and their intervals are fractions, and NaN without episodes; times are sums
 /// over the episodes.
-fn columns(cells: &[CellSummary]) -> Vec<NamedCells> {
+pub(crate) fn columns(cells: &[CellSummary]) -> Vec<NamedCells> {
     type Of<T> = fn(&CellSummary) -> T;
     let texts = |name: &str, of: Of<String>| (name.to_owned(), Cells::Text(cells.iter().map(of).collect()));
     let counts = |name: &str, of: Of<u64>| {
@@ -62,6 +46,7 @@ mod tests {
 
     use super::*;
     use crate::selection::condition::Condition;
+    use crate::store::parquet_table::ParquetTable;
     use crate::study::analysis::Rate;
 
     #[test]
@@ -81,7 +66,8 @@ mod tests {
         };
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("cells.parquet");
-        write(&[cell(8, Some([0.25, 0.75])), cell(0, None)], &path).unwrap();
+        let cells = [cell(8, Some([0.25, 0.75])), cell(0, None)];
+        ParquetTable::write(&path, columns(&cells), None).unwrap();
         let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
         let rows: Vec<String> =
             reader.get_row_iter(None).unwrap().map(|row| row.unwrap().to_string()).collect();

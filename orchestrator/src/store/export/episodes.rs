@@ -9,13 +9,12 @@ use crate::study::analysis::{Evaluation, RowIdx};
 /// Rows per row group.
 const ROWS_PER_GROUP: usize = 1 << 17;
 
-/// Writes the file under a temporary name first.
+/// Writes the file.
 ///
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write(evaluation: &Evaluation, path: &Path) -> anyhow::Result<()> {
-    let partial = path.with_extension("partial");
-    let mut table = ParquetTable::create(&partial, &RowGroup::new().named(), None)?;
+    let mut table = ParquetTable::create(path, &RowGroup::new().named(), None)?;
     for policy in &evaluation.policies {
         let cells = evaluation.conditions(policy);
         let rows: Vec<RowIdx> = cells.iter().flat_map(|(_, rows)| rows.iter().copied()).collect();
@@ -27,9 +26,7 @@ pub(crate) fn write(evaluation: &Evaluation, path: &Path) -> anyhow::Result<()> 
             table.push(group.named())?;
         }
     }
-    table.finish()?;
-    std::fs::rename(&partial, path)?;
-    Ok(())
+    table.finish()
 }
 
 /// The columns of one row group.

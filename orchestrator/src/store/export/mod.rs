@@ -13,6 +13,7 @@ use clap::ValueEnum;
 use serde_json::Value;
 
 use crate::console::output_files::OutputFolder;
+use crate::store::parquet_table::ParquetTable;
 use crate::study::analysis::{CellSummary, EvaluatedPolicy, Evaluation, Metric};
 
 /// A format of exported results.
@@ -52,10 +53,11 @@ pub(crate) fn export(
     match format {
         ExportFormat::Csv => csv::write(evaluation, (metric, alpha), folder),
         ExportFormat::Parquet => {
-            let paths = vec![folder.path("episodes.parquet")?, folder.path("cells.parquet")?];
-            episodes::write(evaluation, &paths[0])?;
-            cells::write(&all_cells(), &paths[1])?;
-            Ok(paths)
+            let episodes = folder.write_with("episodes.parquet", |path| episodes::write(evaluation, path))?;
+            let columns = cells::columns(&all_cells());
+            let cells =
+                folder.write_with("cells.parquet", |path| ParquetTable::write(path, columns, None))?;
+            Ok(vec![episodes, cells])
         }
         ExportFormat::Json => {
             let manifest = &evaluation.files[0].manifest;

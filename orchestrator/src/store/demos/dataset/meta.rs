@@ -49,21 +49,14 @@ pub(crate) fn write(folder: &Path, journal: &Journal) -> anyhow::Result<()> {
     text("meta/stats.json", &stats(folder, journal)?)?;
     let episodes = folder.join(EPISODES);
     std::fs::create_dir_all(episodes.parent().unwrap_or(folder))?;
-    table(&episodes, episode_columns(journal), None)?;
+    ParquetTable::write(&episodes, episode_columns(journal), None)?;
     let tasks = instructions(journal.episodes());
     let columns = vec![
         ("task_index".to_owned(), Cells::Int((0..tasks.len() as i64).collect())),
         ("task".to_owned(), Cells::Text(tasks.iter().map(|&text| text.to_owned()).collect())),
     ];
-    table(&folder.join("meta/tasks.parquet"), columns, Some(("pandas", pandas_metadata().to_string())))
-}
-
-fn table(path: &Path, columns: Vec<NamedCells>, metadata: Option<(&str, String)>) -> anyhow::Result<()> {
-    let mut table = ParquetTable::create(path, &columns, metadata)?;
-    table
-        .push(columns)
-        .and_then(|()| table.finish())
-        .with_context(|| format!("failed to write {}", path.display()))
+    let pandas = ("pandas", pandas_metadata().to_string());
+    ParquetTable::write(&folder.join("meta/tasks.parquet"), columns, Some(pandas))
 }
 
 fn info(journal: &Journal) -> Value {
