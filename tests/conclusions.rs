@@ -285,10 +285,39 @@ fn package_is_verified_with_one_command() {
     let verified = ["verify", bare.to_str().unwrap(), "--json", "--quiet"];
     let verified = json(&run(elsewhere.path(), &verified).expect_code(1));
     assert_eq!((&verified["agree"], &verified["not_verified"][0]["n"]), (&3.into(), &3.into()));
-    // Another archive, and one that is cut off.
+    // An archive that is cut off.
     let packed = std::fs::read(dir.path().join("r.zip")).unwrap();
     std::fs::write(dir.path().join("cut.zip"), &packed[..packed.len() / 2]).unwrap();
     refuses(dir.path(), &["verify", "cut.zip"], &["failed to unpack cut.zip"]);
+}
+
+/// Equal results have equal packages without times, however they were made, and every analysis reads these.
+#[test]
+fn package_without_times_is_reproducible() {
+    let dir = tempfile::tempdir().unwrap();
+    let sweep = ["run", "--policy", "expert", "--policy", "idle", "--tasks", "RaiseCube", "--db"];
+    let run_sweep = |rest: &[&str]| run(dir.path(), &[&sweep[..], rest].concat()).expect_code(0);
+    let _ = run_sweep(&["a.db", "--episodes", "4", "--threads", "1"]);
+    let _ = run_sweep(&["b.db", "--episodes", "2", "--envs", "3"]);
+    let _ = run_sweep(&["b.db", "--episodes", "4", "--envs", "3"]);
+    let pack = |db: &str, zip: &str| {
+        let _ = run(dir.path(), &["pack", db, "-o", zip, "--without-times"]).expect_code(0);
+        std::fs::read(dir.path().join(zip)).unwrap()
+    };
+    let packed = pack("a.db", "a.zip");
+    assert!(packed == pack("b.db", "b.zip"), "packages differ");
+    let verified = json(&run(dir.path(), &["verify", "b.zip", "--json", "--quiet"]).expect_code(0));
+    assert_eq!((&verified["agree"], &verified["missing"]), (&8.into(), &Value::Array(Vec::new())));
+    let compare = |file: &str| {
+        run(dir.path(), &["compare", file, "--a", "idle", "--b", "expert"]).expect_code(0).stdout
+    };
+    assert_eq!(compare("a.zip").replace("a.zip", "a.db"), compare("a.db"));
+    let _ = run(dir.path(), &["report", "a.zip", "-o", "report"]).expect_code(0);
+    let costs = [&sweep[..], &["c.db", "--shard", "0/2", "--costs", "a.zip"]].concat();
+    refuses(dir.path(), &costs, &["a.zip has no times", "--costs"]);
+    // Other results have another package.
+    sql(&dir.path().join("a.db"), "DELETE FROM episodes WHERE policy = 'idle' AND episode = 3");
+    assert!(packed != pack("a.db", "c.zip"), "packages agree");
 }
 
 /// A file from which failures were deleted is not complete.
@@ -415,19 +444,4 @@ fn late_rows_are_independent_of_envs_and_threads() {
     }
     // Longer than the episode: the robot never hears an answer.
     let _ = with(&["--latency", "10000"]);
-}
-
-#[test]
-fn doctor_reproduces_the_reference_episode() {
-    let dir = tempfile::tempdir().unwrap();
-    let report = json(&run(dir.path(), &["doctor", "--json"]).expect_code(0));
-    let status = |name: &str| {
-        let checks = report["checks"].as_array().unwrap();
-        checks.iter().find(|check| check["name"] == name).unwrap()["status"].clone()
-    };
-    assert_eq!((status("episode fingerprint"), status("image checksum")), ("ok".into(), "ok".into()));
-    assert_eq!(
-        run(dir.path(), &["doctor", "--python", "/absent"]).expect_code(0).stdout.matches("/absent").count(),
-        1
-    );
 }

@@ -412,3 +412,19 @@ fn missing_rights_and_processes_are_named() {
         assert_refused(dir.path(), run_with_mounts(dir.path(), &limited), &["ulimit -u", "--threads"]);
     }
 }
+
+#[test]
+fn doctor_reproduces_the_reference_episode() {
+    let dir = tempfile::tempdir().unwrap();
+    let finished = run(dir.path(), &["doctor", "--json"]).expect_code(0);
+    let report: serde_json::Value = serde_json::from_str(&finished.stdout).unwrap();
+    let status = |name: &str| {
+        let checks = report["checks"].as_array().unwrap();
+        checks.iter().find(|check| check["name"] == name).unwrap()["status"].clone()
+    };
+    assert_eq!((status("episode fingerprint"), status("image checksum")), ("ok".into(), "ok".into()));
+    assert_eq!(
+        run(dir.path(), &["doctor", "--python", "/absent"]).expect_code(0).stdout.matches("/absent").count(),
+        1
+    );
+}

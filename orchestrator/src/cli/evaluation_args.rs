@@ -15,8 +15,8 @@ use crate::study::analysis::{Evaluation, Metric, read_files};
 /// The results to analyse, and the level of the conclusions.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct EvaluationArgs {
-    /// Results files of `run`, or folders of shards
-    #[arg(value_name = "RESULTS.db|DIR", required = true)]
+    /// Results files of `run`, packages of `pack`, or folders of shards
+    #[arg(value_name = "RESULTS.db|FILE.zip|DIR", required = true)]
     pub(crate) files: Vec<PathBuf>,
     /// Options that may differ between the files although results depend on them, such as `latency`; `seed`
     /// pools the episodes of several seeds, and `policy` tells policies apart by their files although their

@@ -1,14 +1,15 @@
 //! Runs of one shard of a sweep: the options, and the way from a plan to its shard.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use anyhow::anyhow;
+use anyhow::{anyhow, ensure};
 use clap::Args;
 
 use crate::console::exit::{Failure, OrUser};
 use crate::plan::RunPlan;
 use crate::plan::partition::{EpisodeCosts, Partition, ShardPart, ShardRequest};
+use crate::store::package::read_results;
 use crate::store::results::{Manifest, ResultsFile, StoredPlan};
 use crate::store::shards::{ShardTask, ShardsFolder, SharedSweep};
 use crate::study::machine::host_name;
@@ -84,10 +85,22 @@ pub(crate) fn partition(plan: &RunPlan, n_shards: u32, cutting: &CuttingArgs) ->
     if audit > 0.0 && n_shards == 1 {
         return Err(anyhow!("--audit compares shards, and this is the only one")).or_user();
     }
-    let earlier = cutting.costs.as_deref().map(ResultsFile::read).transpose().or_user()?;
+    let earlier = cutting.costs.as_deref().map(read_costs).transpose().or_user()?;
     let costs = EpisodeCosts::new(plan, earlier.as_ref());
     let pair = plan.stopping.as_ref().map(|rule| &rule.policies);
     Ok(Partition::new(&StoredPlan::new(plan), pair, &costs, n_shards, audit))
+}
+
+/// Reads the results that tell what episodes cost.
+fn read_costs(path: &Path) -> anyhow::Result<ResultsFile> {
+    let file = read_results(path)?;
+    ensure!(
+        file.rows.iter().any(|row| row.seconds() > 0.0),
+        "{} has no times, which tell what episodes cost: it was packed --without-times. Name another file with --costs, or \
+         omit it",
+        path.display()
+    );
+    Ok(file)
 }
 
 /// Cuts a plan into shards, and makes sure that their folder belongs to it.

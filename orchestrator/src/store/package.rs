@@ -10,6 +10,8 @@ use tempfile::TempDir;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
+use crate::store::results::ResultsFile;
+
 /// Name of the results file in a package.
 pub(crate) const RESULTS: &str = "results.db";
 /// Folder of the checkpoints in a package, which has one folder per policy.
@@ -58,6 +60,8 @@ impl PackageWriter {
 
 /// An unpacked package. Its files exist as long as this value.
 pub(crate) struct Package {
+    /// Path of the package itself.
+    package: PathBuf,
     folder: TempDir,
 }
 
@@ -67,6 +71,11 @@ impl Package {
     /// # Errors
     /// If it cannot be unpacked, or contains no results.
     pub(crate) fn unpack(path: &Path) -> anyhow::Result<Option<Self>> {
+        Self::unpack_files(path, |_| true)
+    }
+
+    /// Unpacks the files whose name in the package is wanted.
+    fn unpack_files(path: &Path, is_wanted: impl Fn(&Path) -> bool) -> anyhow::Result<Option<Self>> {
         let mut start = [0; MAGIC.len()];
         let is_zip = File::open(path).and_then(|mut file| file.read_exact(&mut start));
         if is_zip.is_err() || start != MAGIC {
@@ -81,6 +90,9 @@ impl Package {
             let mut entry = archive.by_index(idx).with_context(failed)?;
             let name = entry.enclosed_name().filter(|_| entry.is_file());
             let name = name.with_context(|| format!("{}: entry {idx} is not a file inside it", failed()))?;
+            if !is_wanted(&name) {
+                continue;
+            }
             let target = folder.path().join(&name);
             std::fs::create_dir_all(target.parent().unwrap_or(folder.path())).with_context(failed)?;
             let mut file = File::create_new(&target).with_context(failed)?;
@@ -88,7 +100,7 @@ impl Package {
             left -= n;
             ensure!(left > 0, "{}: it is more than {MAX_RATIO} times as large as the package", failed());
         }
-        let package = Self { folder };
+        let package = Self { package: path.to_owned(), folder };
         ensure!(
             package.results().is_file(),
             "{} contains no {RESULTS}: it was not made by `hypogeum pack`",
@@ -97,8 +109,18 @@ impl Package {
         Ok(Some(package))
     }
 
-    /// Returns the path of the results file.
-    pub(crate) fn results(&self) -> PathBuf {
+    /// Reads the results file. Its path is that of the package, which is what messages and relative paths of
+    /// checkpoints refer to.
+    ///
+    /// # Errors
+    /// If it is not one of this version or a row is invalid.
+    pub(crate) fn read_results(&self) -> anyhow::Result<ResultsFile> {
+        let file = ResultsFile::read(&self.results());
+        let file = file.with_context(|| format!("failed to read {RESULTS} in {}", self.package.display()))?;
+        Ok(ResultsFile { path: self.package.clone(), ..file })
+    }
+
+    fn results(&self) -> PathBuf {
         self.folder.path().join(RESULTS)
     }
 
@@ -106,5 +128,16 @@ impl Package {
     pub(crate) fn checkpoint(&self, policy: &str) -> Option<PathBuf> {
         let folder = self.folder.path().join(CHECKPOINTS).join(policy);
         folder.is_dir().then_some(folder)
+    }
+}
+
+/// Reads a results file, or the one in a package.
+///
+/// # Errors
+/// If it is neither.
+pub(crate) fn read_results(path: &Path) -> anyhow::Result<ResultsFile> {
+    match Package::unpack_files(path, |name| name == Path::new(RESULTS))? {
+        Some(package) => package.read_results(),
+        None => ResultsFile::read(path),
     }
 }

@@ -12,6 +12,7 @@ use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::output::print_message;
 use crate::selection::policy::{Identity, NamedPolicy};
 use crate::store::package::{PackageWriter, RESULTS};
+use crate::store::reproducible::copy_without_times;
 use crate::store::results::{ResultsFile, copy_snapshot};
 
 /// Arguments of `pack`.
@@ -26,6 +27,9 @@ pub(crate) struct PackArgs {
     /// Leave the checkpoints out: the package then says only what their content must be
     #[arg(long)]
     pub(crate) without_checkpoints: bool,
+    /// Leave times and the circumstances of the runs out: equal results then give equal bytes
+    #[arg(long)]
+    pub(crate) without_times: bool,
 }
 
 /// Writes the package.
@@ -50,8 +54,12 @@ fn write(args: &PackArgs, file: &ResultsFile) -> anyhow::Result<usize> {
         checkpoints.extend(checkpoint(file, name, identity)?.map(|content| (name, content)));
     }
     let folder = tempfile::tempdir().context("failed to create a temporary folder")?;
-    let copy = folder.path().join(RESULTS);
+    let mut copy = folder.path().join(RESULTS);
     copy_snapshot(&args.file, &copy)?;
+    if args.without_times {
+        let whole = std::mem::replace(&mut copy, folder.path().join("reproducible.db"));
+        copy_without_times(&whole, &copy)?;
+    }
     let failed = || format!("failed to write {output}");
     // No half-written package has the final name, and the next command replaces what a killed one leaves.
     let mut partial = args.output.clone().into_os_string();

@@ -202,7 +202,8 @@ pub(crate) fn put(connection: &Connection, key: &str, value: &Value) -> Result<(
     put_text(connection, key, &value.to_string())
 }
 
-fn put_text(connection: &Connection, key: &str, value: &str) -> Result<(), rusqlite::Error> {
+/// Writes an entry, given as JSON text.
+pub(crate) fn put_text(connection: &Connection, key: &str, value: &str) -> Result<(), rusqlite::Error> {
     let sql = "INSERT INTO manifest VALUES (?1, ?2) ON CONFLICT DO UPDATE SET value = excluded.value";
     connection.execute(sql, params![key, value]).map(|_| ())
 }
@@ -210,6 +211,12 @@ fn put_text(connection: &Connection, key: &str, value: &str) -> Result<(), rusql
 /// Reads an entry as JSON text.
 pub(crate) fn get(connection: &Connection, key: &str) -> Result<Option<String>, rusqlite::Error> {
     connection.query_row("SELECT value FROM manifest WHERE key = ?1", [key], |row| row.get(0)).optional()
+}
+
+/// Reads all entries as JSON texts, sorted by key.
+pub(crate) fn manifest_entries(connection: &Connection) -> Result<Vec<(String, String)>, rusqlite::Error> {
+    let mut statement = connection.prepare(schema::MANIFEST)?;
+    statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
 }
 
 /// The episodes that a run was to evaluate.
@@ -232,6 +239,14 @@ impl StoredPlan {
             conditions: plan.conditions.iter().map(names).collect(),
             episodes: plan.episodes,
         }
+    }
+
+    /// Returns `true` if every episode of the other plan is one of this plan.
+    pub(crate) fn contains(&self, other: &Self) -> bool {
+        let is_in = |condition| self.conditions.contains(condition);
+        other.policies.iter().all(|policy| self.policies.contains(policy))
+            && other.episodes <= self.episodes
+            && (self.conditions == other.conditions || other.conditions.iter().all(is_in))
     }
 }
 

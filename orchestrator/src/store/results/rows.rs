@@ -89,11 +89,8 @@ impl Texts {
 pub(crate) fn read_manifest(
     connection: &Connection,
 ) -> anyhow::Result<(Map<String, Value>, BTreeMap<String, Identity>)> {
-    let mut statement = connection.prepare(schema::MANIFEST)?;
-    let mut entries = statement.query([])?;
     let (mut manifest, mut policies) = (Map::new(), BTreeMap::<String, Identity>::new());
-    while let Some(entry) = entries.next()? {
-        let (key, text): (String, String) = (entry.get(0)?, entry.get(1)?);
+    for (key, text) in manifest::manifest_entries(connection)? {
         let invalid = || format!("its manifest has no valid {key}");
         if let Some(name) = key.strip_prefix(manifest::POLICY) {
             ensure!(is_plain(name), "its manifest has `{name}` as the name of a policy");

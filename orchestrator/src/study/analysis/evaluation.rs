@@ -1,13 +1,14 @@
 //! The rows of one or several results files that belong to one evaluation.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use serde_json::Value;
 use thiserror::Error;
 
 use crate::selection::condition::Condition;
 use crate::selection::policy::Identity;
+use crate::store::package::read_results;
 use crate::store::results::{self, Column, DifferingEntry, EpisodeRow, ResultsFile, defaults};
 
 /// Key of `--across` for policies that differ although their names and checkpoints agree, as foreign hosts
@@ -134,10 +135,11 @@ impl Evaluation {
     /// Returns the wall time that went into rows: their share of the wall time of the runs, by the time
     /// that they took beside the others. `None` if a file does not say how long its runs took.
     pub(crate) fn wall_s(&self, rows: impl Iterator<Item = RowIdx>) -> Option<f64> {
-        let mut own = vec![0.0; self.files.len()];
-        rows.for_each(|idx| own[idx.file_idx as usize] += self.row(idx).seconds());
-        let files = self.files.iter().zip(&self.seconds).zip(own).filter(|(_, own)| *own > 0.0);
-        files.map(|((file, all), own)| Some(file.wall_s()? * own / all)).sum()
+        let mut own = vec![None; self.files.len()];
+        rows.for_each(|idx| *own[idx.file_idx as usize].get_or_insert(0.0) += self.row(idx).seconds());
+        let files = self.files.iter().zip(&self.seconds).zip(own);
+        let used = files.filter_map(|((file, all), own)| Some((file, all, own?)));
+        used.map(|(file, all, own)| Some(file.wall_s()? * own / all.max(f64::MIN_POSITIVE))).sum()
     }
 
     /// Returns what an episode's start depends on, besides its task: the suite seed and its index.
@@ -311,10 +313,10 @@ fn check_manifests(
     Err(EvaluationError::Manifest { files, differences })
 }
 
-/// Reads the files of an analysis.
+/// Reads the results files and packages of an analysis.
 ///
 /// # Errors
 /// If one cannot be read.
 pub(crate) fn read_files(paths: &[PathBuf]) -> anyhow::Result<Vec<ResultsFile>> {
-    paths.iter().map(|path| ResultsFile::read(Path::new(path))).collect()
+    paths.iter().map(|path| read_results(path)).collect()
 }

@@ -76,7 +76,7 @@ pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {
     let Some(package) = Package::unpack(path).or_user()? else {
         return verify_file(&ResultsFile::read(path).or_user()?, args);
     };
-    let file = ResultsFile::read(&package.results()).or_user()?;
+    let file = package.read_results().or_user()?;
     let names = file.policies.keys().filter(|name| args.checkpoints.iter().all(|(given, _)| given != *name));
     let packed = names.filter_map(|name| Some((name.clone(), package.checkpoint(name)?)));
     let checkpoints = args.checkpoints.iter().cloned().chain(packed).collect();
