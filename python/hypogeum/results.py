@@ -14,6 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
+from zipfile import ZipFile, is_zipfile
 
 from .comparison import Comparison, Flip
 from .program import EvaluationError, call, find_program
@@ -49,10 +50,10 @@ class Cell:
 
 
 class Results:
-    """The results in one or several files of `hypogeum run`, read when they are first used.
+    """The results in one or several files of `hypogeum run` or packages of `hypogeum pack`, read when first used.
 
     Args:
-        path: Results file.
+        path: Results file or package.
         more_paths: Further ones, which must agree on everything that results depend on, such as the seed.
         policy: Name of a policy, to leave out all others.
         across: Options that may differ between the files, such as `"seed"`.
@@ -244,7 +245,10 @@ def cell(found: dict[str, Any]) -> Cell:
 
 
 def read_rows(path: Path) -> list[dict[str, Any]]:
-    """Return the episodes in a results file that the program has checked."""
+    """Return the episodes in a results file or package that the program has checked."""
+    if is_zipfile(path):
+        with ZipFile(path) as package, TemporaryDirectory(prefix="hypogeum-") as folder:
+            return [row | {"file": str(path)} for row in read_rows(Path(package.extract("results.db", folder)))]
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
             described = connection.execute("SELECT name FROM pragma_table_info('episodes')")

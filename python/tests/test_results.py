@@ -47,6 +47,14 @@ def test_cells_are_the_programs(db):
     assert 0.7 < good.low < good.high <= 1
 
 
+def test_package_has_the_rows_of_its_file(db, tmp_path):
+    package = tmp_path / "r.zip"
+    subprocess.run([HYPOGEUM, "pack", db, "-o", package], check=True)
+    results, packed = hypogeum.Results(db), hypogeum.Results(package)
+    assert packed.cells == results.cells and {row["file"] for row in packed.episodes} == {str(package)}
+    assert packed.episodes == [row | {"file": str(package)} for row in results.episodes]
+
+
 def test_tables_have_all_cells(db):
     results = hypogeum.Results(db)
     assert "good" in str(results) and "100.0 %" in str(results)

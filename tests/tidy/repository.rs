@@ -9,7 +9,7 @@ use crate::source::{Source, assert_none, files_below, relative, root, rust_sourc
 /// Maximum size of a file in bytes, unless it is listed below.
 const MAX_BYTES: u64 = 256 * 1024;
 /// Larger files, each with the reason for it.
-const LARGE_FILES: [(&str, &str); 15] = [
+const LARGE_FILES: [(&str, &str); 16] = [
     ("checkpoints/act-all/single/model.safetensors", "weights of a bundled policy"),
     ("checkpoints/act-all/bimanual/model.safetensors", "weights of a bundled policy"),
     ("checkpoints/act-original/single/model.safetensors", "weights of a policy trained in the original"),
@@ -21,6 +21,7 @@ const LARGE_FILES: [(&str, &str); 15] = [
     ("policy-host/tests/data/pi05/", "test checkpoints of a narrow network, with reference outputs"),
     ("policy-host/tests/data/clip-tiny/", "test text encoder with reference outputs"),
     ("docs/baselines/index.html", "a self-contained report with all its figures"),
+    ("docs/baselines/results.zip", "every episode of the baselines, to compare and verify"),
     ("docs/images/first-light.gif", "the README's animation"),
     ("docs/images/experts.jpg", "three images of each of the 28 tasks"),
     ("docs/images/gallery.jpg", "one image of each of the 28 tasks"),

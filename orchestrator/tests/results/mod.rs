@@ -197,11 +197,11 @@ fn other_files_are_refused_and_unchanged() {
 
     std::fs::write(path("notes.txt"), "not a database, but long enough to be taken for a header".repeat(20))
         .unwrap();
-    insta::assert_snapshot!(refusal(&path("notes.txt"), &idle), @"failed to use notes.txt as a results file: it is another kind of file; choose another");
+    insta::assert_snapshot!(refusal(&path("notes.txt"), &idle), @"failed to use notes.txt as a results file: it is another kind of file; choose another, or unzip it if it is a package");
     assert!(std::fs::read_to_string(path("notes.txt")).unwrap().starts_with("not a database"));
 
     Connection::open(path("other.db")).unwrap().execute_batch("CREATE TABLE t (x)").unwrap();
-    insta::assert_snapshot!(refusal(&path("other.db"), &idle), @"failed to use other.db as a results file: it is another kind of file; choose another");
+    insta::assert_snapshot!(refusal(&path("other.db"), &idle), @"failed to use other.db as a results file: it is another kind of file; choose another, or unzip it if it is a package");
 
     drop(Results::open(&path("future.db"), &idle).unwrap());
     Connection::open(path("future.db")).unwrap().pragma_update(None, "user_version", 4).unwrap();

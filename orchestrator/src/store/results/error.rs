@@ -25,7 +25,10 @@ pub(crate) enum ResultsFileError {
     Io { path: PathBuf, source: io::Error },
     #[error("failed to use the results file {}: another run is writing to it", path.display())]
     InUse { path: PathBuf },
-    #[error("failed to use {} as a results file: it is another kind of file; choose another", path.display())]
+    #[error(
+        "failed to use {} as a results file: it is another kind of file; choose another, or unzip it if it is a package",
+        path.display()
+    )]
     Foreign { path: PathBuf },
     #[error(
         "failed to use the results file {}: its tables are version {found}, this program uses version {VERSION}; choose \
