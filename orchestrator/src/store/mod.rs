@@ -7,7 +7,6 @@ pub(crate) mod export;
 pub(crate) mod merging;
 pub(crate) mod package;
 pub(crate) mod parquet_table;
-pub(crate) mod reproducible;
 pub(crate) mod results;
 pub(crate) mod shards;
 pub(crate) mod stored_episode;

@@ -12,8 +12,7 @@ use crate::console::exit::{ExitStatus, Failure, OrUser};
 use crate::console::output::print_message;
 use crate::selection::policy::{Identity, NamedPolicy};
 use crate::store::package::{PackageWriter, RESULTS};
-use crate::store::reproducible::copy_without_times;
-use crate::store::results::{ResultsFile, copy_snapshot};
+use crate::store::results::{ResultsFile, copy_snapshot, copy_without_times};
 
 /// Arguments of `pack`.
 #[derive(Args, Debug)]

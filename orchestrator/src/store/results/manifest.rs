@@ -214,7 +214,7 @@ pub(crate) fn get(connection: &Connection, key: &str) -> Result<Option<String>, 
 }
 
 /// Reads all entries as JSON texts, sorted by key.
-pub(crate) fn manifest_entries(connection: &Connection) -> Result<Vec<(String, String)>, rusqlite::Error> {
+pub(crate) fn entries_of(connection: &Connection) -> Result<Vec<(String, String)>, rusqlite::Error> {
     let mut statement = connection.prepare(schema::MANIFEST)?;
     statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
 }

@@ -26,13 +26,13 @@ pub(crate) use self::episodes::{CellSums, FinishedEpisodes, Results};
 pub(crate) use self::error::{ResultsFileError, StoreError, not_used, not_written};
 pub(crate) use self::file::{EpisodeRow, ResultsFile};
 pub(crate) use self::gaps::{Gap, gap_lines, gaps, planned_cells};
-pub(crate) use self::integrity::{checksum, row_finding, shown};
+pub(crate) use self::integrity::{row_finding, shown};
 pub(crate) use self::manifest::{
-    DifferingEntry, ENVIRONMENT, Manifest, PLANS, SHARD, STOPPING, StoredPlan, defaults, differences,
-    manifest_entries, option, policy_key, put, put_text,
+    DifferingEntry, ENVIRONMENT, Manifest, PLANS, SHARD, STOPPING, StoredPlan, defaults, differences, option,
+    policy_key, put,
 };
 pub(crate) use self::open::{
-    copy_snapshot, create_for_bulk, n_finished_in, open_for_replacement, open_unchecked,
+    copy_snapshot, copy_without_times, create_for_bulk, n_finished_in, open_for_replacement, open_unchecked,
 };
 pub(crate) use self::recorded::RecordedEpisodes;
 pub(crate) use self::rows::read_manifest;

@@ -1,15 +1,19 @@
-//! Opening of results files, with a specific error for each kind of path that is not one.
+//! Opening and copying of results files, with a specific error for each kind of path that is not one.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use rusqlite::{Connection, OpenFlags};
+use rusqlite::types::{Value, ValueRef};
+use rusqlite::{Connection, OpenFlags, params_from_iter};
+use serde_json::json;
 
+use crate::store::results::columns::Column;
 use crate::store::results::error::{ResultsFileError, not_used, not_written};
-use crate::store::results::integrity;
-use crate::store::results::schema::{APPLICATION_ID, VERSION, create, n_finished};
+use crate::store::results::manifest::{ENVIRONMENT, PLANS, SHARD, StoredPlan};
+use crate::store::results::schema::{APPLICATION_ID, VERSION, create, insert, n_finished, whole_rows};
+use crate::store::results::{integrity, manifest};
 
 /// Maximum wait for a reader that locks the file.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
@@ -107,6 +111,60 @@ pub(crate) fn copy_snapshot(path: &Path, copy: &Path) -> Result<(), ResultsFileE
     let target = format!("{}?nolock=1", uri(&file_name(copy)?));
     let copied = open_read_only(path)?.execute("VACUUM INTO ?1", [target]);
     copied.map(|_| ()).map_err(|error| not_written(copy, error))
+}
+
+/// Copies a results file without times and circumstances: two files with the same episodes and settings have
+/// copies with the same bytes, on whichever machines they were made, and in how many runs.
+///
+/// # Errors
+/// If the file cannot be read, or the copy cannot be written.
+pub(crate) fn copy_without_times(path: &Path, copy: &Path) -> Result<(), ResultsFileError> {
+    let (source, _lock) = open_unchecked(path)?;
+    let target = create_for_bulk(copy)?;
+    let entries = manifest::entries_of(&source).map_err(|error| not_used(path, error))?;
+    let is_shard = entries.iter().any(|(key, _)| key == SHARD);
+    let write = || {
+        target.execute_batch("BEGIN")?;
+        for (key, text) in entries.iter().filter(|(key, _)| key != ENVIRONMENT) {
+            // The parts of a shard refer to its plan.
+            let plans = (key == PLANS && !is_shard).then(|| largest_plans(text)).flatten();
+            manifest::put_text(&target, key, plans.as_deref().unwrap_or(text))?;
+        }
+        copy_rows(&source, &target)?;
+        target.execute_batch("COMMIT")
+    };
+    write().map_err(|error| not_written(copy, error))?;
+    target.close().map_err(|(_, error)| not_written(copy, error))
+}
+
+fn copy_rows(source: &Connection, target: &Connection) -> Result<(), rusqlite::Error> {
+    let mut statement = source.prepare(&whole_rows())?;
+    let mut insertion = target.prepare(&insert())?;
+    let mut rows = statement.query([])?;
+    while let Some(row) = rows.next()? {
+        let mut values = Vec::with_capacity(Column::ALL.len());
+        for column in Column::ALL {
+            let time = Column::TIMES.contains(column).then_some(Value::Real(0.0));
+            values.push(time.map_or_else(|| row.get(*column as usize), Ok)?);
+        }
+        let checked = &values[..Column::checked().len()];
+        values[Column::Checksum as usize] = integrity::checksum(checked.iter().map(ValueRef::from)).into();
+        insertion.execute(params_from_iter(values))?;
+    }
+    Ok(())
+}
+
+/// Returns stored plans without those that another one contains; `None` if the text is something else.
+fn largest_plans(text: &str) -> Option<String> {
+    let plans: Vec<StoredPlan> = serde_json::from_str(text).ok()?;
+    let mut largest: Vec<StoredPlan> = Vec::new();
+    for plan in plans {
+        if !largest.iter().any(|other| other.contains(&plan)) {
+            largest.retain(|other| !plan.contains(other));
+            largest.push(plan);
+        }
+    }
+    Some(json!(largest).to_string())
 }
 
 /// Returns the number of episodes without an error in a results file.

@@ -90,7 +90,7 @@ pub(crate) fn read_manifest(
     connection: &Connection,
 ) -> anyhow::Result<(Map<String, Value>, BTreeMap<String, Identity>)> {
     let (mut manifest, mut policies) = (Map::new(), BTreeMap::<String, Identity>::new());
-    for (key, text) in manifest::manifest_entries(connection)? {
+    for (key, text) in manifest::entries_of(connection)? {
         let invalid = || format!("its manifest has no valid {key}");
         if let Some(name) = key.strip_prefix(manifest::POLICY) {
             ensure!(is_plain(name), "its manifest has `{name}` as the name of a policy");
