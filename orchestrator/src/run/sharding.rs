@@ -96,8 +96,8 @@ fn read_costs(path: &Path) -> anyhow::Result<ResultsFile> {
     let file = read_results(path)?;
     ensure!(
         file.rows.iter().any(|row| row.seconds() > 0.0),
-        "{} has no times, which tell what episodes cost: it was packed --without-times. Name another file with --costs, or \
-         omit it",
+        "{} has no times, from which the costs of episodes are taken: it was packed with --without-times. Name another \
+         file with --costs, or omit the option",
         path.display()
     );
     Ok(file)

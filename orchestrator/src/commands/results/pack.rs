@@ -26,7 +26,7 @@ pub(crate) struct PackArgs {
     /// Leave the checkpoints out: the package then says only what their content must be
     #[arg(long)]
     pub(crate) without_checkpoints: bool,
-    /// Leave times and the circumstances of the runs out: equal results then give equal bytes
+    /// Leave out times and the circumstances of the runs, so that equal results give equal bytes
     #[arg(long)]
     pub(crate) without_times: bool,
 }
