@@ -280,10 +280,13 @@ fn malformed_answer_ends_the_run() {
 #[test]
 fn duplicate_answer_ends_the_run() {
     let dir = tempfile::tempdir().unwrap();
-    let (child, descriptor, _node, mut lane) = attach(dir.path());
-    let message = receive(&mut lane);
-    answer(&mut lane, &message, descriptor.run, |_, _| ());
-    answer(&mut lane, &message, descriptor.run, |_, _| ());
+    let (mut child, descriptor, _node, mut lane) = attach(dir.path());
+    // Every second answer is to the batch that the one before has answered.
+    let answered = Cell::new(None);
+    serve_until_exit(&mut child, &mut lane, descriptor.run, |header, _| match answered.take() {
+        Some(sequence) => header.sequence = sequence,
+        None => answered.set(Some(header.sequence)),
+    });
     let finished = finish(child).expect_code(2);
     assert!(
         finished.stderr.contains("guest") && finished.stderr.contains("not in flight"),
