@@ -281,7 +281,7 @@ fn malformed_answer_ends_the_run() {
 fn duplicate_answer_ends_the_run() {
     let dir = tempfile::tempdir().unwrap();
     let (mut child, descriptor, _node, mut lane) = attach(dir.path());
-    // Every second answer is to the batch that the one before has answered.
+    // Every second answer repeats the sequence number of the answer before it.
     let answered = Cell::new(None);
     serve_until_exit(&mut child, &mut lane, descriptor.run, |header, _| match answered.take() {
         Some(sequence) => header.sequence = sequence,
